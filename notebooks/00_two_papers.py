@@ -741,7 +741,7 @@ print(f"K1 = {optimal[0]:.4f} 1/s, K2 = {optimal[1]:.4f} 1/s²")
 # %%
 fine = jnp.linspace(0.0, 8.0, 1601)
 flight = qt.simulate(swift, law, off, tumbling, fine)
-strapdown = qt.propagate_samples(flight.rate[:, 1:], flight.quaternion[0], fine)
+strapdown = qt.propagate_samples(fine, flight.rate[:, 1:], flight.quaternion[0])
 drift = jax.vmap(lambda p, q: qt.rotation.to_rotation_vector(product(qt.quaternion.conjugate(p), q)))
 print(f"remark 1: strapdown attitude within {float(jnp.abs(drift(strapdown, flight.quaternion)).max()):.0e} rad")
 assert float(jnp.abs(drift(strapdown, flight.quaternion)).max()) < 1e-5

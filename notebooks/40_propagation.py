@@ -109,7 +109,7 @@ with as_file(files("qtraj.io") / "data" / "broad_02_slow_rotation.npz") as path,
 bias = gyro[:rest].mean(axis=0)
 worst = {}
 for name, rates in (("bias removed", gyro - bias), ("bias left in", gyro)):
-    found = qt.propagate_samples(rates[rest:], optical[rest // every], times[rest:])[::every]
+    found = qt.propagate_samples(times[rest:], rates[rest:], optical[rest // every])[::every]
     gaps = np.degrees(jax.vmap(angle)(found, optical[rest // every :]))
     early = times[rest::every] < times[rest] + 20.0
     print(f"{name}: at most {gaps[early].max():.1f}° in 20 s, {gaps.max():.1f}° in 60 s")
@@ -120,8 +120,8 @@ assert worst["bias removed"] < worst["bias left in"]
 # The remaining error is due to the sensor: halving the sampling rate changes the attitude by far less.
 
 # %%
-all_samples = qt.propagate_samples(gyro[rest:] - bias, optical[rest // every], times[rest:])
-half = qt.propagate_samples(gyro[rest::2] - bias, optical[rest // every], times[rest::2])
+all_samples = qt.propagate_samples(times[rest:], gyro[rest:] - bias, optical[rest // every])
+half = qt.propagate_samples(times[rest::2], gyro[rest::2] - bias, optical[rest // every])
 gap = np.degrees(angle(all_samples[::2][-1], half[-1]))
 print(f"{gap:.3f}° between both at the end")
 assert gap < 0.1 * worst["bias removed"]

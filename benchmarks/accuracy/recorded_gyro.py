@@ -17,7 +17,7 @@ def recording():
 def deviations(start=0):
     """Return times [s], and angles [°] between the propagated and the optical attitude, from sample `start` on."""
     times, rates, _, every, optical = recording()
-    found = qt.propagate_samples(rates[start:], optical[start // every], times[start:])[::every]
+    found = qt.propagate_samples(times[start:], rates[start:], optical[start // every])[::every]
     return times[start::every], np.degrees(angles(found, optical[start // every :]))
 
 

@@ -13,6 +13,9 @@ limits = qt.Limits(speed=9.0)
 mistakes = [
     (lambda: qt.SpiralHelix.from_boundary(start, end, turns=0.5), "must be an integer"),
     (lambda: qt.SpiralHelix.hermite(start, end, 3.0, turns=0.5), "must be an integer"),
+    (lambda: qt.SpiralHelix.hermite(start, end, 3.0, turns=1e300), "of at most 1,000,000,000, but the float 1e+300"),
+    (lambda: qt.SpiralHelix.hermite(start, end, 3.0, turns=10**400), "of at most 1,000,000,000, but the int 1000"),
+    (lambda: qt.SpiralHelix.hermite(start, end, 3.0, turns=True), "but the bool True was given"),
     (lambda: helix.position(np.zeros(4)), "jax.vmap over the instants, or qtraj.evaluate"),
     (lambda: qt.trihedral(helix, np.zeros(4)), "jax.vmap over the instants, or qtraj.evaluate"),
     (lambda: qt.trihedral(helix, 1.0, qt.Natural), "a frame such as Natural() or Upright()"),

@@ -110,7 +110,7 @@ CALLS = {
     "program": lambda t: PROGRAM(t[1]).rate,
     "table program": lambda t: qt.TableProgram(t, np.tile(QUATERNION, (5, 1)))(t[2]).rate,
     "propagate": lambda t: qt.propagate(lambda t: 0.1 * jnp.ones(3), QUATERNION, t),
-    "propagate_samples": lambda t: qt.propagate_samples(RATES, QUATERNION, t),
+    "propagate_samples": lambda t: qt.propagate_samples(t, RATES, QUATERNION),
     "simulate": lambda t: qt.simulate(PROGRAM, LAW, PROGRAM(0.0).quaternion, PROGRAM(0.0).rate, t).times,
     "error_response": lambda t: qt.error_response(LAW, 0.9 * QUATERNION, np.zeros(4), t),
     "route": lambda t: qt.Route(t, STATES, ZEROS, ZEROS).times,

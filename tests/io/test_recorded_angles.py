@@ -56,7 +56,7 @@ def test_rates_are_converted_with_the_angles(tmp_path, body, yaw_only):
     sense = 1.0 if body == "forward-right-down" else -1.0  # of the heading, clockwise, about the recorded z axis
     rates = np.stack([0.1 * np.cos(t), 0.2 * np.sin(t), 0.3 + 0.1 * t], axis=1)
     start = Rotation.from_euler("ZYX", [sense * 0.5, 0.1, -0.2])
-    attitudes = qt.propagate_samples(rates, start.as_quat(scalar_first=True), t)
+    attitudes = qt.propagate_samples(t, rates, start.as_quat(scalar_first=True))
     yaw, pitch, roll = np.degrees(qt.rotation.to_euler(attitudes, "ZYX")).T
     rows = np.column_stack([t, np.zeros((len(t), 3)), roll, pitch, sense * yaw, rates])
     columns = {"attitude": ["roll", "pitch", "heading"], "rate": "wz" if yaw_only else ["wx", "wy", "wz"]}
@@ -64,7 +64,7 @@ def test_rates_are_converted_with_the_angles(tmp_path, body, yaw_only):
     if yaw_only:
         np.testing.assert_allclose(track.rates[:, 0], -sense * rates[:, 2], rtol=1e-12)
         return
-    again = qt.propagate_samples(track.rates, track.attitudes[0], t)
+    again = qt.propagate_samples(t, track.rates, track.attitudes[0])
     distance = np.abs(np.sum(np.asarray(again) * np.asarray(track.attitudes), axis=1))
     np.testing.assert_allclose(distance, 1.0, atol=1e-9)
 

@@ -14,15 +14,6 @@ from qtraj.scenario.loop_parts import FeedbackPart
 from qtraj.scenario.reader import read_scenario
 
 
-@pytest.fixture
-def prepared(tmp_path):
-    def prepared(text):
-        (tmp_path / "s.toml").write_text(text)
-        return prepare(read_scenario(tmp_path / "s.toml", "loop"))
-
-    return prepared
-
-
 @pytest.mark.parametrize(
     ("table", "gains"),
     [

@@ -7,8 +7,6 @@ from tests.cli.loop_scenarios import LAW, SLEW
 import qtraj as qt
 from qtraj.foundation import document
 from qtraj.motion.simulation.body_facts import body_fact_rows, body_facts
-from qtraj.scenario.loop import prepare
-from qtraj.scenario.reader import read_scenario
 
 J = [12.0, 15.0, 9.0]
 BODY = f"[body]\ninertia = {J}\n"
@@ -16,15 +14,6 @@ WHEELS = "[body.wheels]\naxes = [[1,0,1], [0,1,1], [-1,0,1], [0,-1,1]]\nmax_mome
 ERROR = "[error]\nrotation_vector = [5, -3, 2]\n"
 FAST = "[simulation]\nsamples = 5\nrtol = 1e-7\natol = 1e-9\n"
 Q = np.array([0.8, 0.1, -0.5, 0.3]) / np.linalg.norm([0.8, 0.1, -0.5, 0.3])
-
-
-@pytest.fixture
-def prepared(tmp_path):
-    def prepared(text):
-        (tmp_path / "s.toml").write_text(text)
-        return prepare(read_scenario(tmp_path / "s.toml", "loop"))
-
-    return prepared
 
 
 def test_the_body_has_one_inertia_and_the_law_another(prepared):

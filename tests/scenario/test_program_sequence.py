@@ -6,7 +6,6 @@ from tests.cli.loop_scenarios import LAW
 
 import qtraj as qt
 from qtraj.scenario import KINDS
-from qtraj.scenario.loop import prepare
 from qtraj.scenario.reader import read_scenario
 
 START = "start = {rotation_vector = [30, 0, 0]}\n"
@@ -15,15 +14,6 @@ UP = SLEW + "law = {max_acceleration = 2, end_rate = 6}\n"
 SPIN = "[[program.sequence]]\nspin = {rate = [0, 0, 6], duration = 20}\n"
 DOWN = SLEW + "law = {max_acceleration = 2, start_rate = 6}\n"
 ANGLES = "angles = 'deg'\n"
-
-
-@pytest.fixture
-def prepared(tmp_path):
-    def prepared(text):
-        (tmp_path / "s.toml").write_text(text)
-        return prepare(read_scenario(tmp_path / "s.toml", "loop"))
-
-    return prepared
 
 
 def test_a_slew_a_spin_and_a_slew(prepared):
@@ -82,6 +72,14 @@ def test_a_spin_starts_without_rotation_or_where_the_program_before_ends(prepare
             UP + START + SPIN.replace("20", "-1"),
             r"'program.sequence\[1\].spin.duration' has the value -1: expected a pos",
         ),
+        (
+            UP + START + SPIN + "frame = 'natural'\n",
+            r"requires a program along a path: add path in \[\[program.sequence\]\]",
+        ),
+        (
+            UP + START + SPIN.replace("20", "1e16"),
+            r"in \[program.sequence\[1\].spin\], the angle of a spin must be at most",
+        ),
     ],
 )
 def test_sequences_that_are_none(prepared, text, message):
@@ -111,6 +109,9 @@ def test_whole_turns_of_a_slew(tmp_path, keys, turned):
         ("turns = 1", "axis and angle must be specified together"),
         ("axis = [0, 0, 1]", "axis and angle must be specified together"),
         ("axis = [0, 0, 1]\nturns = 1.5", "the key 'turns' has the value 1.5: expected an integer"),
+        ("axis = [0, 0, 1]\nturns = nan", "the key 'turns' has the value nan: expected an integer from -1000000000 to"),
+        ("axis = [0, 0, 1]\nturns = 1e9", "has the value 1000000000.0: expected an integer .*, without a point"),
+        ("axis = [0, 0, 1]\nturns = 1000000001", "the key 'turns' has the value 1000000001: expected an integer from"),
         ("axis = [0, 0, 1]\nturns = 1\nend = {quaternion = [1, 0, 0, 0]}", "axis and angle describe the whole slew"),
     ],
 )

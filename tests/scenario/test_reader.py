@@ -34,15 +34,6 @@ velocity = [-4.5, 0.0, 0.2]
 """
 
 
-@pytest.fixture
-def read(tmp_path):
-    def read(text):
-        (tmp_path / "s.toml").write_text(text, encoding="utf-8")
-        return read_scenario(tmp_path / "s.toml", "path")
-
-    return read
-
-
 def test_the_embedded_scenario():
     given = read_scenario(None, "path")
     scenario = given.scenario

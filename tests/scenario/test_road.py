@@ -5,7 +5,6 @@ from pathlib import Path
 import pytest
 
 import qtraj as qt
-from qtraj.scenario.reader import read_scenario
 
 STATES = """
 [start]
@@ -17,15 +16,6 @@ velocity = [-9.8, -1, 0.1]
 [vehicle]
 mass = 1000.0
 """
-
-
-@pytest.fixture
-def read(tmp_path):
-    def read(text):
-        (tmp_path / "s.toml").write_text(text, encoding="utf-8")
-        return read_scenario(tmp_path / "s.toml", "path")
-
-    return read
 
 
 def vehicle(read, text):

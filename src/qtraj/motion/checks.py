@@ -13,6 +13,9 @@ from qtraj.foundation.namespace import is_host, xp
 from qtraj.foundation.types import ArrayInput, Quat
 from qtraj.path.rate_axes import require_axes as require_axes
 
+MAX_ANGLE_ERROR = 0.01
+"""[rad] The largest rounding error of the total angle of a rotation."""
+
 
 def output_times(times: ArrayInput, from_first: bool = False) -> Float[Array, " n"]:
     """Return the instants (n,) [s], n ≥ 1, as a float vector.
@@ -75,6 +78,17 @@ def shared_dtype(*arrays: Array) -> jnp.dtype:
     if is_host(*arrays):
         return functools.reduce(np.promote_types, (x.dtype for x in arrays))
     return common_dtype(*arrays)
+
+
+def require_precise_angle(angle: Array, name: str) -> None:
+    """Raise a ValueError for a concrete angle [rad] that is too large to determine an attitude in its dtype."""
+    value = concrete(angle)
+    largest = MAX_ANGLE_ERROR / float(np.finfo(angle.dtype).eps)
+    if value is not None and not abs(value) <= largest:
+        raise ValueError(
+            f"{name} must be at most {largest:.3g} rad in {angle.dtype}, because larger angles have rounding errors of "
+            f"more than {MAX_ANGLE_ERROR:g} rad, but {float(value):.9g} rad was given"
+        )
 
 
 def at_once() -> contextlib.AbstractContextManager:

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.algebra import polynomial
+from qtraj.foundation.argument import described
 from qtraj.foundation.arrays import concrete
 from qtraj.foundation.namespace import in_numpy, with_component, xp
 from qtraj.foundation.types import Scalar
@@ -25,6 +26,9 @@ AZIMUTH_TOLERANCE = 32
 
 PARALLEL_TOLERANCE = 1e-9
 """Two horizontal velocities count as parallel if the sine of the angle between them is below this value."""
+
+MAX_TURNS = 1_000_000_000
+"""The largest number of whole turns, of paths and of slews; its angle has a rounding error of 1e-6 rad."""
 
 Coefficients = Float[Array, "_"]
 
@@ -81,9 +85,15 @@ def whole_turns(turns: int) -> int:
     **Raises:** ValueError if `turns` is not an integer.
     """
     try:
-        return operator.index(turns)
+        count = operator.index(turns)
     except TypeError:
-        raise ValueError(f"turns must be an integer, the number of whole turns, but {turns!r} was given") from None
+        count = None
+    if count is None or isinstance(turns, bool) or abs(count) > MAX_TURNS:
+        raise ValueError(
+            f"turns must be an integer, the number of whole turns, of at most {MAX_TURNS:,}, but {described(turns)} "
+            "was given"
+        )
+    return count
 
 
 @in_numpy

@@ -173,8 +173,8 @@ class AbstractHodograph(eqx.Module):
         """Find the point on the path nearest to `point` (3,) [m], and its time, position and distance; world axes.
 
         The path is sampled at 1025 instants, at more if it turns by more than 0.4 rad between two of them, and at its
-        `nodes`; a traced path at 1025 instants only. Newton's method then refines each sample. The distance is
-        differentiable (envelope theorem).
+        `nodes`; a traced path at 1025 instants only. Newton's method then refines each sample. First
+        derivatives of time, position and distance are exact.
         """
         return nearest(self, real_vector(point, "the point", 3))
 

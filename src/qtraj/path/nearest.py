@@ -10,7 +10,7 @@ from qtraj.algebra.vector import cross, dot, norm
 from qtraj.foundation.arrays import as_float, concrete
 from qtraj.foundation.namespace import in_numpy, repeat, stop_gradient, xp
 from qtraj.foundation.shown import shown
-from qtraj.foundation.types import Scalar, Vec3
+from qtraj.foundation.types import Flag, Scalar, Vec3
 
 INTERVALS = 1024
 """Smallest number of intervals between the samples of a path; they have equal durations."""
@@ -27,7 +27,10 @@ STEPS = 8
 
 
 class Nearest(NamedTuple):
-    """The point on a path nearest to a given point: its `time` [s], `position` (3,) [m] and `distance` [m]."""
+    """The point on a path nearest to a given point: its `time` [s], `position` (3,) [m] and `distance` [m].
+
+    First derivatives of all three with respect to path and point are exact; at an end of the path the time is constant.
+    """
 
     time: Scalar
     position: Vec3
@@ -77,8 +80,22 @@ def _nearest(path: Any, point: Vec3, parts: int) -> Nearest:
     both = xp.concatenate([times, repeat(STEPS, newton, times)])
     offset = fixed.sampled(both, 0)[0] - target[None]
     time = both[xp.argmin(dot(offset, offset))]
+    r, v, a = (x[0] for x in path.sampled(time[None], 2))
+    inside = (time > times[0]) & (time < times[-1])
+    time = time + moved(r - point.astype(r.dtype), v, a, inside)
     position = path.sampled(time[None], 0)[0][0]
     return Nearest(time, position, norm(position - point))
+
+
+def moved(offset: Vec3, v: Vec3, a: Vec3, inside: Flag) -> Scalar:
+    """Return 0, with the derivatives of the time of the nearest point.
+
+    The time satisfies (r − p)·v = 0 inside a path; at the ends it is constant. `offset` is r − p.
+    """
+    slope = stop_gradient(dot(v, v) + dot(offset, a))
+    regular = inside & (slope > 0)
+    value = dot(offset, v)
+    return xp.where(regular, (stop_gradient(value) - value) / xp.where(regular, slope, 1.0), 0.0)
 
 
 _compiled_turn = eqx.filter_jit(_usual_turn)

@@ -5,6 +5,7 @@ import equinox as eqx
 from qtraj.algebra import quaternion
 from qtraj.foundation.arrays import concrete, real_vector, warn_if_coarse
 from qtraj.foundation.document import storable
+from qtraj.foundation.float_arguments import float_arguments
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Quat, Vec3
 
@@ -33,10 +34,12 @@ class Placement(eqx.Module):
     def __repr__(self) -> str:
         return shown(self, origin="m")
 
+    @float_arguments
     def to_world(self, vector: Vec3) -> Vec3:
         """Convert free vectors (..., 3) from the path's axes to world components."""
         return quaternion.rotate(_like(self.orientation, vector), vector)
 
+    @float_arguments
     def to_local(self, vector: Vec3) -> Vec3:
         """Convert free vectors (..., 3) from world components to the path's axes."""
         return quaternion.rotate(quaternion.conjugate(_like(self.orientation, vector)), vector)

@@ -185,7 +185,7 @@ class Route(AbstractHodograph, AbstractResult):
         """Find the point on the route nearest to `point` (3,) [m], and its time, position and distance; world axes.
 
         Every segment is sampled at 17 instants, and the nearest sample of each segment is refined by Newton's method.
-        The distance is differentiable (envelope theorem).
+        First derivatives of time, position and distance are exact.
         """
         local = real_vector(point, "the point", 3).astype(self.duration.dtype) - self.origin
         time, position, distance = route_nearest.nearest(self.starts, self.in_time(), self.duration, local)

@@ -7,7 +7,7 @@ from qtraj.algebra.vector import norm
 from qtraj.foundation.namespace import in_numpy_or_jit, repeat, stop_gradient, xp
 from qtraj.foundation.types import Scalar, Vec3
 from qtraj.path import pieces
-from qtraj.path.nearest import Nearest
+from qtraj.path.nearest import Nearest, moved
 
 PARTS = 16
 """Number of intervals between the samples of a segment."""
@@ -49,5 +49,8 @@ def nearest(starts: Array, c: Array, duration: Scalar, point: Vec3) -> Nearest:
     best = xp.argmin(squares)
     row = best % starts.shape[0]
     s = times.reshape(-1)[best]
+    r, v, a = pieces.values(c[row], s, 2)
+    time = starts[row] + s
+    s = s + moved(r - point, v, a, (time > 0) & (time < duration))
     position = pieces.values(c[row], s, 0)[0]
     return Nearest(starts[row] + s, position, norm(position - point))

@@ -18,6 +18,7 @@ from qtraj.algebra.euler import parse
 from qtraj.algebra.inertia import inertia_matrix
 from qtraj.design.tuning.choices import either
 from qtraj.foundation.types import Quat
+from qtraj.path.boundary_problem import MAX_TURNS
 
 
 def _form(value: Any) -> str:
@@ -62,6 +63,10 @@ PositiveVector = Annotated[list[Positive], Field(min_length=3, max_length=3)]
 Rows = Annotated[list[Vector], Field(min_length=3, max_length=3)]
 Quaternion = Annotated[list[Number], Field(min_length=4, max_length=4)]
 Wholes = Annotated[int, Field(ge=0, description="an integer, 0 or more")]
+Turns = Annotated[
+    int,
+    Field(ge=-MAX_TURNS, le=MAX_TURNS, description=f"an integer from -{MAX_TURNS} to {MAX_TURNS}, without a point"),
+]
 Counts = Annotated[int, Field(ge=1, description="an integer, 1 or more")]
 Inertia = Annotated[
     Positive | PositiveVector | Rows,

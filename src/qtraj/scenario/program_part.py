@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 from pydantic import AfterValidator
@@ -33,6 +33,8 @@ MORE = ", or [[program.sequence]]"
 class SourcePart(Part):
     """One attitude program: a slew, a spin, the frame of a path, or a saved program."""
 
+    table: ClassVar[str] = "[program]"
+
     slew: SlewPart | None = key("a slew within limits", None, values="a table [program.slew]")
     spin: SpinPart | None = key("a rotation at a constant rate", None, values="a table [program.spin]")
     path: keys.Text | None = key(
@@ -60,7 +62,7 @@ class SourcePart(Part):
 
     def _faults(self) -> Iterator[str]:
         if self.path is None and (extra := self.given("frame", "up", "heading")):
-            yield f"the key '{extra[0]}' requires a program along a path: add path in [program], or remove the key"
+            yield f"the key '{extra[0]}' requires a program along a path: add path in {self.table}, or remove the key"
         self.path_frame("rad")  # raises for settings of another frame
 
     def path_frame(self, angles: str, chosen: str | None = None) -> Frame:
@@ -74,7 +76,7 @@ class SourcePart(Part):
         """Return the frame of a path as a program; a `chosen` frame overrides the frame of the scenario."""
         frame = self.path_frame(angles, chosen)
         if isinstance(frame, AbstractFrame):
-            with naming("[program]: " if chosen is None else "--frame: "):
+            with naming(f"{self.table}: " if chosen is None else "--frame: "):
                 require_defined(path, frame)
         return FrameProgram(path, frame)
 
@@ -98,6 +100,8 @@ class NextPart(SourcePart):
 
     A slew or a spin without a start attitude starts there.
     """
+
+    table: ClassVar[str] = "[[program.sequence]]"
 
     slew: NextSlewPart | None = key(  # pyright: ignore[reportIncompatibleVariableOverride]
         "a slew within limits", None, values="a table [program.sequence.slew]"
@@ -168,7 +172,8 @@ def _single(
         with naming(f"in [{where}.slew], "):
             return part.slew.program_within_limits(angles, start)
     if part.spin is not None:
-        return part.spin.program(angles, start)
+        with naming(f"in [{where}.spin], "):
+            return part.spin.program(angles, start)
     if part.path is None:
         return saved_program(beside(str(part.file)))
     given = read_input(beside(part.path))

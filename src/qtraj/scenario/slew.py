@@ -94,10 +94,8 @@ class SlewPart(Part):
         "axis of a slew without [end], in body axes", None, values=f"{keys.THREE}, not all zero, of any length"
     )
     angle: keys.Number | None = key("angle of a slew about 'axis', of any size and either sign", None, unit="angle")
-    turns: int | None = key(
-        "whole turns about 'axis', which are added to 'angle'; a negative number turns the other way",
-        None,
-        values="an integer",
+    turns: keys.Turns | None = key(
+        "whole turns about 'axis', which are added to 'angle'; a negative number turns the other way", None
     )
     law: SlewLawPart = key("the motion profile")
     body: BodyPart | None = key("the body; required for torques and for a limit on the torque", None)

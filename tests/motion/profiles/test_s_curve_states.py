@@ -215,6 +215,42 @@ def test_a_duration_in_a_gap_names_the_possible_ones():
         law(0.9 * minimum).profile(0.2)
 
 
+def test_a_batch_of_fixed_durations_is_the_same_as_single_ones():
+    """Also where a duration is too short, or lies in a gap."""
+    x = np.append(CASES[:150:5, :8], np.tile([0.9, 1.0, 1.02, 1.5, 9.0], 6)[:, None] * CASES[:150:5, 8:], axis=1)
+    batch = jax.jit(jax.vmap(lambda x: s_curve(x[:8], x[8]).profile(x[0])))(x)
+    single = jax.jit(lambda x: s_curve(x[:8], x[8]).profile(x[0]))
+    for k, each in enumerate(x):
+        alone = single(each)
+        assert bool(alone.feasible) == bool(batch.feasible[k])
+        np.testing.assert_allclose(batch.widths[k], alone.widths, rtol=0, atol=1e-9 * each[8])
+    assert 10 < np.sum(batch.feasible) < 25
+
+
+def test_derivatives_at_the_minimum_duration():
+    """The motion changes with a longer duration, and with a distance that leaves time: one-sided differences."""
+    for arguments, angle in [({"start_rate": 0.3, "end_rate": -0.2}, 3.0), ({"start_rate": 0.3}, 0.5)]:
+        minimum = float(qt.SCurve(1.0, 2.0, 8.0, **arguments).profile(angle).duration)
+
+        def motion(x, arguments=arguments, t=0.4 * minimum):
+            return qt.SCurve(1.0, 2.0, 8.0, x[0], **arguments).profile(x[1]).derivatives(t, 1)
+
+        x, step = np.array([minimum, angle]), 1e-6 * np.array([[1.0, 0.0], [0.0, -1.0]])
+        found = jax.jit(jax.jacfwd(motion))(x)
+        differences = np.stack([(motion(x + dx) - motion(x)) / dx.sum() for dx in step], axis=1)
+        np.testing.assert_allclose(found, differences, rtol=1e-4)
+
+
+@pytest.mark.parametrize("duration", [np.nan, np.inf])
+@pytest.mark.parametrize("arguments", [{"start_rate": 0.3}, {}])
+def test_a_duration_that_is_not_finite(duration, arguments):
+    profile = jax.jit(lambda T: qt.SCurve(1.0, 2.0, 8.0, T, **arguments).profile(1.0))(duration)
+    assert not profile.feasible
+    assert np.isfinite(profile.duration)
+    with pytest.raises(ValueError, match="duration must be positive and finite"):
+        qt.SCurve(1.0, 2.0, 8.0, duration, **arguments)
+
+
 def test_derivatives_in_a_fixed_duration():
     x = np.append(CASES[:150:30, :8], 3.0 * CASES[:150:30, 8:], axis=1)
 

@@ -131,6 +131,19 @@ def test_a_sequence_can_be_saved_simulated_and_evaluated(tmp_path):
     np.testing.assert_allclose(flight.angle, np.zeros(5), atol=1e-6)
 
 
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_an_angle_that_determines_no_attitude_is_refused(dtype):
+    largest, law = 0.01 / np.finfo(dtype).eps, qt.Quintic(duration=1.0)
+    start = jnp.array([1, 0, 0, 0], dtype)
+    for build in (
+        lambda angle: qt.Spin(jnp.array([0, 0, -angle], dtype), jnp.asarray(2, dtype), start),
+        lambda angle: qt.EulerTurn.about([0, 0, 1], jnp.asarray(-2 * angle, dtype), start, law),
+    ):
+        build(0.4 * largest)
+        with pytest.raises(ValueError, match=r"must be at most .* rounding errors of more than 0.01 rad"):
+            build(0.6 * largest)
+
+
 def test_programs_that_do_not_meet_are_refused():
     spin = qt.Spin([0, 0, 0.1], 10.0)
     with pytest.raises(ValueError, match=r"program 1 .* attitude at the end of program 0, but the angle .* is 1 rad"):

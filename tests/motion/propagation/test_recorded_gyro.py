@@ -35,7 +35,7 @@ def deviation(recording, rates, span=SPAN, **how):
     """The largest angles [deg] between propagated and optical attitude, and between optical and initial attitude."""
     times, _, _, every, optical = recording
     part, reference = slice(START, START + span), optical[START // every :][: 1 + (span - 1) // every]
-    propagated = np.asarray(qt.propagate_samples(rates[part], reference[0], times[part], **how))[::every]
+    propagated = np.asarray(qt.propagate_samples(times[part], rates[part], reference[0], **how))[::every]
     rotated = angles(reference, np.broadcast_to(reference[0], reference.shape))
     return np.degrees(angles(propagated, reference)).max(), np.degrees(rotated).max()
 
@@ -65,6 +65,6 @@ def test_the_method_does_not_contribute_to_the_error(recording):
     times, rates, _, _, optical = recording
     part = slice(START, START + SPAN)
     by_default, linear = (
-        qt.propagate_samples(rates[part], optical[0], times[part], degree=degree) for degree in (None, 1)
+        qt.propagate_samples(times[part], rates[part], optical[0], degree=degree) for degree in (None, 1)
     )
     assert np.degrees(angles(by_default, linear)).max() < WITHIN / 100

@@ -89,7 +89,7 @@ def errors(per_cycle, kinds=("increment",)):
     ours = []
     for kind in kinds:
         rates = jax.vmap(cone)(jnp.asarray(SAMPLE_TIMES)) if kind == "instantaneous" else increments
-        ours.append(propagate_samples(rates, first, SAMPLE_TIMES, kind)[-1])
+        ours.append(propagate_samples(SAMPLE_TIMES, rates, first, kind)[-1])
     theirs = [rotated(first, classical(increments[1:], samples)) for samples in CLASSICAL]
     result = angles(np.stack([*theirs, *ours]), np.tile(last, (len(theirs) + len(ours), 1)))
     return result[: len(theirs)], result[len(theirs) :]
@@ -115,8 +115,8 @@ def test_means_are_increments_over_their_intervals():
     means = increments / np.diff(times, prepend=0.0)[:, None]
     first = CONE.quaternions(times[:1])[0]
     np.testing.assert_allclose(
-        propagate_samples(means, first, times, "mean"),
-        propagate_samples(increments, first, times, "increment"),
+        propagate_samples(times, means, first, "mean"),
+        propagate_samples(times, increments, first, "increment"),
         rtol=0,
         atol=ROUND_OFF,
     )
@@ -128,7 +128,7 @@ def test_uneven_times(kind):
     times = 3.0 + np.cumsum(np.random.default_rng(1).uniform(0.01, 0.04, size=60))
     rates = CONE.increments(times) if kind == "increment" else jax.vmap(CONE)(jnp.asarray(times))
     q0 = -3 * CONE.quaternions(times[:1])[0]
-    qs = propagate_samples(rates, q0, times, kind)
+    qs = propagate_samples(times, rates, q0, kind)
     assert angles(qs, CONE.quaternions(times)).max() < 1e-7
     np.testing.assert_allclose(np.linalg.norm(qs, axis=1), 3.0, rtol=ROUND_OFF, atol=0)
 
@@ -144,7 +144,7 @@ def test_polynomial_rates_about_an_axis_are_exact(kind):
     increments = np.diff(angle, prepend=angle[0])
     spans = np.diff(times, prepend=times[0] - 1.0)
     values = {"instantaneous": polynomial(times), "mean": increments / spans, "increment": increments}[kind]
-    qs = propagate_samples(values[:, None] * axis, [1.0, 0, 0, 0], times, kind)
+    qs = propagate_samples(times, values[:, None] * axis, [1.0, 0, 0, 0], kind)
     expected = jax.vmap(qt.rotation.from_rotation_vector)(jnp.asarray((angle - angle[0])[:, None] * axis))
     np.testing.assert_allclose(qs, expected, rtol=0, atol=ROUND_OFF)
 
@@ -152,7 +152,7 @@ def test_polynomial_rates_about_an_axis_are_exact(kind):
 def test_inertial_axes():
     times = np.linspace(0.0, 1.0, 61)
     rates = jax.vmap(CONE.inertial)(jnp.asarray(times))
-    qs = propagate_samples(rates, CONE.quaternions([0.0])[0], times, axes="inertial")
+    qs = propagate_samples(times, rates, CONE.quaternions([0.0])[0], axes="inertial")
     assert angles(qs, CONE.quaternions(times)).max() < 1e-9
 
 
@@ -162,7 +162,7 @@ def test_short_recordings(count, kind):
     """A constant rate is exact from two samples."""
     times = np.arange(count) * 0.5
     constant = np.broadcast_to([0.4, 0.0, 0.3], (count, 3))
-    qs = propagate_samples(constant * (0.5 if kind == "increment" else 1.0), [1.0, 0, 0, 0], times, kind)
+    qs = propagate_samples(times, constant * (0.5 if kind == "increment" else 1.0), [1.0, 0, 0, 0], kind)
     expected = jax.vmap(qt.rotation.from_rotation_vector)(jnp.asarray(times[:, None] * [0.4, 0.0, 0.3]))
     np.testing.assert_allclose(qs, expected, rtol=0, atol=ROUND_OFF)
 
@@ -171,9 +171,9 @@ def test_the_first_mean_is_not_used():
     times = np.linspace(0.0, 1.0, 9)
     increments = CONE.increments(times)
     first = CONE.quaternions([0.0])[0]
-    qs = propagate_samples(increments, first, times, "increment")
+    qs = propagate_samples(times, increments, first, "increment")
     increments[0] = np.nan
-    np.testing.assert_array_equal(propagate_samples(increments, first, times, "increment"), qs)
+    np.testing.assert_array_equal(propagate_samples(times, increments, first, "increment"), qs)
 
 
 @pytest.mark.parametrize("kind", ["instantaneous", "increment"])
@@ -184,7 +184,7 @@ def test_derivatives_in_bias_and_attitude(kind):
 
     @jax.jit
     def goal(x):
-        qs = propagate_samples(rates + jnp.broadcast_to(x[:3], (13, 3)), x[3:], times, kind)
+        qs = propagate_samples(times, rates + jnp.broadcast_to(x[:3], (13, 3)), x[3:], kind)
         return jnp.sum(qs[-1] * jnp.arange(1.0, 5.0))
 
     x = jnp.asarray([0.01, -0.02, 0.03, 0.1, -0.7, 0.5, 0.4])
@@ -197,7 +197,7 @@ def test_derivatives_in_bias_and_attitude(kind):
 def test_float32():
     times = jnp.linspace(0.0, 1.0, 49, dtype=jnp.float32)
     rates = jax.vmap(CONE)(times.astype(float)).astype(jnp.float32)
-    qs = propagate_samples(rates, jnp.asarray(CONE.quaternions([0.0])[0], jnp.float32), times)
+    qs = propagate_samples(times, rates, jnp.asarray(CONE.quaternions([0.0])[0], jnp.float32))
     assert qs.dtype == jnp.float32
     assert angles(np.asarray(qs, float), CONE.quaternions(times)).max() < 3e-6
 
@@ -225,35 +225,44 @@ def test_bad_recordings(change, message):
         propagate_samples(**arguments)
 
 
+def test_the_former_order_of_arguments_is_recognised():
+    rates, q0 = np.outer(np.sin(TIMES), [1.0, 2.0, 0.5]), [0.6, 0.0, 0.8, 0.0]
+    right = propagate_samples(TIMES, rates, q0)
+    with pytest.warns(DeprecationWarning, match="are now times, rates, q0"):
+        np.testing.assert_array_equal(propagate_samples(rates, q0, TIMES), right)
+    with pytest.raises(ValueError, match="vector of instants"):
+        propagate_samples(rates, rates, q0)
+
+
 def test_a_gap_is_refused_while_tracing():
     with pytest.raises(ValueError, match=r"gap of 0\.7 s"):
-        jax.jit(lambda rates: propagate_samples(rates, [1.0, 0, 0, 0], GAP))(jnp.zeros((5, 3)))
+        jax.jit(lambda rates: propagate_samples(GAP, rates, [1.0, 0, 0, 0]))(jnp.zeros((5, 3)))
 
 
 @pytest.mark.parametrize("max_gap", [None, 8.0])
 def test_a_gap_that_is_allowed_is_said(max_gap):
     with pytest.warns(UserWarning, match=r"a gap of 0\.7 s between sample 2 at 0\.2 s and sample 3"):
-        assert propagate_samples(np.zeros((5, 3)), [1.0, 0, 0, 0], GAP, max_gap=max_gap).shape == (5, 4)
+        assert propagate_samples(GAP, np.zeros((5, 3)), [1.0, 0, 0, 0], max_gap=max_gap).shape == (5, 4)
 
 
 def test_several_gaps_are_counted():
     times = np.concatenate([np.arange(6.0), np.arange(30.0, 36.0), np.arange(45.0, 50.0)])
     with pytest.warns(UserWarning, match=r"has 2 gaps, the longest one of 25 s between sample 5"):
-        propagate_samples(np.zeros((len(times), 3)), [1.0, 0, 0, 0], times, max_gap=None)
+        propagate_samples(times, np.zeros((len(times), 3)), [1.0, 0, 0, 0], max_gap=None)
 
 
 @pytest.mark.parametrize("max_gap", [-1, 0, 0.5, np.nan, "8", True])
 def test_a_largest_gap_that_is_no_multiple_is_refused(max_gap):
     with pytest.raises(ValueError, match="max_gap must be None or a number of at least 1"):
-        propagate_samples(np.zeros((5, 3)), [1.0, 0, 0, 0], np.arange(5.0), max_gap=max_gap)
+        propagate_samples(np.arange(5.0), np.zeros((5, 3)), [1.0, 0, 0, 0], max_gap=max_gap)
 
 
 @pytest.mark.parametrize("degree", [1.5, -1, True, "3"])
 def test_a_degree_that_is_no_whole_number_is_refused(degree):
     with pytest.raises(ValueError, match=r"the degree of the local polynomial must be a whole number, at least 0"):
-        propagate_samples(np.zeros((5, 3)), [1.0, 0, 0, 0], np.arange(5.0), degree=degree)
+        propagate_samples(np.arange(5.0), np.zeros((5, 3)), [1.0, 0, 0, 0], degree=degree)
 
 
 def test_a_method_by_name_is_refused():
     with pytest.raises(ValueError, match=r"method must be an integration method, GaussLegendre.* the str 'rk4' was"):
-        propagate_samples(np.zeros((5, 3)), [1.0, 0, 0, 0], np.arange(5.0), method="rk4")
+        propagate_samples(np.arange(5.0), np.zeros((5, 3)), [1.0, 0, 0, 0], method="rk4")

@@ -167,6 +167,10 @@ def test_invalid_arguments(tmp_path):
         (lambda: qt.ReactionWheels(np.eye(3), max_torque=-1.0), "max_torque must be positive"),
         (lambda: qt.ReactionWheels(np.eye(3), max_momentum=[1.0, 2.0]), r"must be a scalar or have shape \(3,\)"),
         (lambda: qt.ReactionWheels(np.eye(3), momentum=[1.0, 2.0]), "the momenta of 3 wheels"),
+        (
+            lambda: qt.ReactionWheels(np.eye(3), max_momentum=[9.0, 1.0, 2.0], momentum=[8.0, 0.5, -2.5]),
+            r"momentum of wheel 2 \(counted from 0\) is -2.5 N m s, but its max_momentum is 2 N m s: reduce",
+        ),
         (lambda: qt.RigidBody(-1.0), "symmetric with positive"),
         (lambda: qt.RigidBody(1.0, wheels=np.eye(3)), "wheels must be ReactionWheels"),
         (

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from qtraj.algebra.quaternion import conjugate, rotate, unit
 from qtraj.algebra.rotation import to_rotation_vector
 from qtraj.foundation.document import storable
+from qtraj.foundation.float_arguments import float_arguments
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Quat, Vec3
 from qtraj.motion.attitude import Attitude, require_body_axes
@@ -40,10 +41,11 @@ class QuaternionFeedback(AbstractLaw):
     def __repr__(self) -> str:
         return shown(self, k1="1/s", k2="1/s²")
 
+    @float_arguments
     def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
         """Return the command (4,) [rad/s²] in body axes; its virtual part is 0."""
         mu = error_quaternion(reference, quaternion)
-        return signed_quaternion_feedback(self, reference, jnp.where(mu[0] < 0, -quaternion, quaternion), rate)
+        return signed_quaternion_feedback(self, reference, jnp.where(mu[..., :1] < 0, -quaternion, quaternion), rate)
 
     def deviation(self, reference: Attitude, quaternion: Quat) -> Quat:
         """Return the error quaternion μ (4,)."""
@@ -71,10 +73,11 @@ class GeometricFeedback(AbstractLaw):
     def __repr__(self) -> str:
         return shown(self, k1="1/s", k2="1/s²")
 
+    @float_arguments
     def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
         """Return the command (4,) [rad/s²] in body axes; its virtual part is 0."""
         mu = unit(error_quaternion(reference, quaternion))
-        return _feedback(self, reference, mu, rate, 2 * mu[0] * mu[1:])
+        return _feedback(self, reference, mu, rate, 2 * mu[..., :1] * mu[..., 1:])
 
     def deviation(self, reference: Attitude, quaternion: Quat) -> Quat:
         """Return the error quaternion μ (4,)."""
@@ -98,6 +101,7 @@ class LogarithmicFeedback(AbstractLaw):
     def __repr__(self) -> str:
         return shown(self, k1="1/s", k2="1/s²")
 
+    @float_arguments
     def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
         """Return the command (4,) [rad/s²] in body axes; its virtual part is 0."""
         mu = error_quaternion(reference, quaternion)
@@ -115,7 +119,7 @@ BASELINES = {"quaternion": QuaternionFeedback, "geometric": GeometricFeedback, "
 def signed_quaternion_feedback(law: QuaternionFeedback, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
     """Return the command of `law` with e = 2μ_v/|μ|, without changing the sign of λ."""
     mu = unit(error_quaternion(reference, quaternion))
-    return _feedback(law, reference, mu, rate, 2 * mu[1:])
+    return _feedback(law, reference, mu, rate, 2 * mu[..., 1:])
 
 
 def _feedback(
@@ -132,6 +136,6 @@ def _feedback(
     require_body_axes(reference)
     back = conjugate(mu)
     w = rotate(back, reference.rate)
-    rate_error = rate[1:] - w
+    rate_error = rate[..., 1:] - w
     forward = rotate(back, reference.acceleration) + jnp.cross(w, rate_error)
     return pure(forward - apply(law.k1, rate_error) - apply(law.k2, attitude_error))

@@ -18,6 +18,7 @@ from jaxtyping import Array, Float
 
 from qtraj.algebra.quaternion import conjugate, derivative, inverse, product
 from qtraj.algebra.vector import norm
+from qtraj.foundation.float_arguments import float_arguments
 from qtraj.foundation.namespace import in_numpy, xp
 from qtraj.foundation.types import Quat, Scalar, Vec3
 from qtraj.motion.attitude import Attitude, require_body_axes
@@ -27,7 +28,7 @@ KINDS = ("body", "inertial", "additive")
 
 def pure(v: Vec3) -> Quat:
     """Return the quaternion (0, v) of a vector."""
-    return jnp.concatenate([jnp.zeros_like(v, shape=1), v])
+    return jnp.concatenate([jnp.zeros_like(v[..., :1]), v], axis=-1)
 
 
 def target(kind: str, error: Quat) -> Quat:
@@ -36,9 +37,10 @@ def target(kind: str, error: Quat) -> Quat:
     The value is (1, 0, 0, 0) for the body and the inertial error, and 0 for the additive error.
     """
     zero = jnp.zeros_like(error)
-    return zero if kind == "additive" else zero.at[0].set(1.0)
+    return zero if kind == "additive" else zero.at[..., 0].set(1.0)
 
 
+@float_arguments
 def error_quaternion(reference: Attitude, quaternion: Quat, kind: str = "body") -> Quat:
     """Return the error μ, μ* or Δ (4,) of λ = `quaternion` relative to the program.
 
@@ -52,6 +54,7 @@ def error_quaternion(reference: Attitude, quaternion: Quat, kind: str = "body") 
     return quaternion - reference.quaternion
 
 
+@float_arguments
 def error_rate(reference: Attitude, quaternion: Quat, rate: Quat, kind: str = "body") -> Quat:
     """Return the time derivative [1/s] of `error_quaternion` for a body with the `rate` (4,) [rad/s], body axes.
 
@@ -68,6 +71,7 @@ def error_rate(reference: Attitude, quaternion: Quat, rate: Quat, kind: str = "b
     return derivative(quaternion, rate) - derivative(reference.quaternion, reference.rate)
 
 
+@float_arguments
 def error_angle(reference: Attitude, quaternion: Quat) -> Scalar:
     """Return the attitude error angle [rad], from 0 to π; λ and −λ have the same angle."""
     mu = error_quaternion(reference, quaternion)
@@ -82,6 +86,7 @@ def body_errors_at(
     return error_quaternion(references, quaternions), error_angle(references, quaternions)
 
 
+@float_arguments
 def state_from_error(reference: Attitude, error: Quat, rate: Quat, kind: str = "body") -> tuple[Quat, Quat]:
     """Return λ (4,) and the body rate ω_x (4,) [rad/s] from an error and its time derivative `rate` (4,) [1/s].
 

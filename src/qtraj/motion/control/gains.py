@@ -7,6 +7,7 @@ gains are differentiable with respect to the arguments.
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from qtraj.foundation.arrays import as_float, concrete, require_finite, require_positive
 from qtraj.foundation.types import ArrayInput, Scalar
@@ -66,7 +67,7 @@ def from_weights(error: ArrayInput, rate: ArrayInput = 0.0, command: ArrayInput 
     require_positive(r, "the weight of the command", "1")
     require_finite(q2, "the weight of the rate")
     value = concrete(q2)
-    if value is not None and value < 0:
+    if value is not None and np.any(value < 0):
         raise ValueError(f"the weight of the rate must not be negative, but {value.tolist()} was given")
     k2 = jnp.sqrt(q1 / r)
     return jnp.sqrt(q2 / r + 2 * k2), k2
@@ -77,7 +78,7 @@ def _settling(time: ArrayInput, residual: ArrayInput) -> list[Scalar]:
     time, residual = _common_dtype(time, residual)
     require_positive(time, "the settling time", "s")
     value = concrete(residual)
-    if value is not None and not 0 < value < 1:
+    if value is not None and not np.all((value > 0) & (value < 1)):
         raise ValueError(
             "the residual, the fraction of the initial error at the settling time, must be between 0 and 1, but "
             f"{value.tolist()} was given"

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 
 from qtraj.foundation.arrays import concrete, real_scalar
 from qtraj.foundation.document import storable
+from qtraj.foundation.float_arguments import float_arguments
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Flag, Quat, Scalar
 from qtraj.motion.attitude import Attitude
@@ -77,6 +78,7 @@ class HystereticLaw(AbstractLaw):
             )
         self.sampling = sampling_instants(sampling)
 
+    @float_arguments
     def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
         """Return the command (4,) [rad/s²] in body axes; the sign of `quaternion` is not changed."""
         if isinstance(self.law, QuaternionFeedback):

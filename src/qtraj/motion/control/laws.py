@@ -19,6 +19,7 @@ from qtraj.algebra.quaternion import derivative, inverse, product
 from qtraj.foundation import document
 from qtraj.foundation.arrays import as_float, require_finite
 from qtraj.foundation.document import storable
+from qtraj.foundation.float_arguments import float_arguments
 from qtraj.foundation.namespace import in_numpy
 from qtraj.foundation.shown import shown, shown_html
 from qtraj.foundation.toml_fault import quoted
@@ -119,6 +120,7 @@ class AccelerationLaw(AbstractLaw):
     def __repr__(self) -> str:
         return shown(self, k1="1/s", k2="1/s²")
 
+    @float_arguments
     def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
         """Return the command (4,) [rad/s²] in body axes, with the virtual part first, then the physical vector."""
         x = error_quaternion(reference, quaternion, self.error)
@@ -162,6 +164,7 @@ class RateLaw(AbstractLaw):
     def __repr__(self) -> str:
         return shown(self, k="1/s")
 
+    @float_arguments
     def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat | None = None) -> Quat:
         """Return the command (4,) [rad/s] in body axes; `rate` is not used."""
         require_body_axes(reference)
@@ -228,8 +231,8 @@ def second_derivative(reference: Attitude) -> Quat:
 
     ω⁰ and ε_z⁰ are the rate and the acceleration of the program in program axes.
     """
-    scalar = -0.5 * jnp.sum(reference.rate * reference.rate)
-    return derivative(reference.quaternion, jnp.concatenate([scalar[None], reference.acceleration]))
+    scalar = -0.5 * jnp.sum(reference.rate * reference.rate, axis=-1, keepdims=True)
+    return derivative(reference.quaternion, jnp.concatenate([scalar, reference.acceleration], axis=-1))
 
 
 def gain(k: ArrayInput, name: str, size: int) -> Array:
@@ -248,4 +251,4 @@ def gain(k: ArrayInput, name: str, size: int) -> Array:
 def apply(k: Array, x: Float[Array, " n"]) -> Float[Array, " n"]:
     """Return the product Kx for a scalar, diagonal or full matrix K."""
     k = k.astype(x.dtype)
-    return jnp.matmul(k, x, precision="highest") if k.ndim == 2 else k * x
+    return jnp.einsum("ij,...j->...i", k, x, precision="highest") if k.ndim == 2 else jnp.broadcast_to(k, x.shape) * x

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 
 from qtraj.algebra.vector import norm
 from qtraj.foundation.arrays import as_float, concrete, real_vector
+from qtraj.foundation.float_arguments import single_arguments
 from qtraj.foundation.renamed import renamed_arguments
 from qtraj.foundation.types import ArrayInput, Quat, Scalar, ScalarLike, Vec3
 from qtraj.motion.attitude import Attitude
@@ -29,6 +30,7 @@ _SAMPLES = 128
 _REFINEMENTS = 40
 
 
+@single_arguments
 @eqx.filter_jit
 def least_norm(law: AccelerationLaw | RateLaw, mu0: Quat, mu_rate0: Quat | None = None) -> Scalar:
     """Return the minimum of |μ(t)| over t ≥ 0 of the closed-form response.
@@ -65,6 +67,7 @@ def least_norm(law: AccelerationLaw | RateLaw, mu0: Quat, mu_rate0: Quat | None 
     return jnp.minimum(size(0.5 * (low + high)), norm(mu0))
 
 
+@single_arguments
 def choose_sign(law: AccelerationLaw | RateLaw, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
     """Return λ or −λ, whichever has the larger minimum of |μ| in the closed-form response.
 
@@ -84,6 +87,7 @@ def choose_sign(law: AccelerationLaw | RateLaw, reference: Attitude, quaternion:
     return sign * quaternion
 
 
+@single_arguments
 def gibbs_normalization(reference: Attitude, quaternion: Quat, rate: Quat) -> tuple[Quat, Quat]:
     """Return λ and ω of the same attitude and physical rate, with |λ| and ω0 such that μ0 = 1 and μ̇0 = 0.
 

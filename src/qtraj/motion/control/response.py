@@ -18,6 +18,7 @@ from jaxtyping import Array, Float
 
 from qtraj.algebra.polynomial import horner
 from qtraj.foundation.arrays import as_float, as_seconds, real_vector
+from qtraj.foundation.float_arguments import single_arguments
 from qtraj.foundation.types import ArrayInput, Mat4, Quat, ScalarLike
 from qtraj.motion.control.errors import target
 from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw, apply, require_linear
@@ -58,6 +59,7 @@ def _response(law: AccelerationLaw | RateLaw, mu0: Quat, mu_rate0: Quat | None, 
     return jax.vmap(response)(t) if t.ndim else response(t)
 
 
+@single_arguments
 def error_state(law: AccelerationLaw | RateLaw, mu0: Quat, mu_rate0: Quat | None, t: ScalarLike) -> tuple[Quat, Quat]:
     """Return the error quaternion and its time derivative [1/s] at one instant `t` [s]; see `error_response`.
 

@@ -154,6 +154,13 @@ class Arm(eqx.Module):
 
     def bias(self, q: Joints, q_dot: Joints) -> Float[Array, 6]:
         """Return J̇ q̇ (6,), the angular [rad/s²] and linear [m/s²] acceleration of the gripper for q̈ = 0."""
+        q, q_dot = jnp.asarray(as_floats(q)), jnp.asarray(as_floats(q_dot))
+        expected = (len(self.joints),)
+        if q.shape != expected or q_dot.shape != expected:
+            raise ValueError(
+                f"q and q_dot must have shape {expected}, but shapes {q.shape} and {q_dot.shape} were given: use "
+                "jax.vmap for a batch"
+            )
         return jax.jvp(lambda q: jnp.matmul(self.jacobian(q), q_dot, precision="highest"), (q,), (q_dot,))[1]
 
     def kinematics(self, q: Joints) -> tuple[Vec3, Quat, Jacobian]:

@@ -268,7 +268,7 @@ def fixed_duration(duration: Scalar, minimum: Scalar, size: Scalar | None = None
     If `minimum` is a difference of larger times, `size` is their size; round-off is relative to it.
     """
     round_off = TOLERANCE * float(xp.finfo(minimum.dtype).eps) * (minimum if size is None else size)
-    feasible = duration >= minimum - round_off
+    feasible = (duration >= minimum - round_off) & xp.isfinite(duration)
     return xp.where(feasible, duration, minimum), feasible
 
 

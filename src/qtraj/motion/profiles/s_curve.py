@@ -90,7 +90,7 @@ class SCurve(AbstractProfile):
         self.max_rate = limit(max_rate)
         self.max_acceleration = real_scalar(max_acceleration, "max_acceleration")
         self.max_jerk = real_scalar(max_jerk, "max_jerk")
-        self.duration = limit(duration)
+        self.duration = None if duration is None else real_scalar(duration, "duration")
         self.start_rate = None if start_rate is None else real_scalar(start_rate, "start_rate")
         self.end_rate = None if end_rate is None else real_scalar(end_rate, "end_rate")
         self.start_acceleration = (
@@ -134,10 +134,11 @@ def _between_states(motion_profile: SCurve, total: Scalar) -> tuple[Profile, Sca
     task = _task(motion_profile, total)
     user = motion_profile.duration
     found = segments(task, None if user is None else user.astype(total.dtype))
-    ends = xp.cumsum(found.widths)
+    ends, feasible = xp.cumsum(found.widths), found.exists
     duration = ends[-1]
     if user is not None:
-        duration = xp.where(found.exists, user.astype(total.dtype), duration)
+        feasible = feasible & xp.isfinite(user)
+        duration = xp.where(feasible, user.astype(total.dtype), duration)
     profile = Profile(
         total=total,
         duration=duration,
@@ -145,7 +146,7 @@ def _between_states(motion_profile: SCurve, total: Scalar) -> tuple[Profile, Sca
         widths=found.widths,
         pieces=jerk_pieces(found.widths, found.jerks, task.v0, task.a0),
         end_rate=task.v1,
-        feasible=found.exists,
+        feasible=feasible,
         proportional=False,
         end_acceleration=task.a1,
     )

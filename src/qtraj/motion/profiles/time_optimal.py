@@ -61,7 +61,7 @@ class TimeOptimal(AbstractProfile):
         self.max_acceleration = real_scalar(max_acceleration, "max_acceleration")
         self.start_rate = None if start_rate is None else real_scalar(start_rate, "start_rate")
         self.end_rate = None if end_rate is None else real_scalar(end_rate, "end_rate")
-        self.duration = limit(duration)
+        self.duration = None if duration is None else real_scalar(duration, "duration")
         require_limits(self)
         for rate, name in ((self.start_rate, "start_rate"), (self.end_rate, "end_rate")):
             if rate is not None:

@@ -9,7 +9,7 @@ from qtraj.foundation.namespace import in_numpy_or_jit, mapped, of_arrays, xp
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Quat, Scalar, ScalarLike, Vec3
 from qtraj.motion.attitude import AbstractProgram, Attitude
-from qtraj.motion.checks import require_axes, shared_dtype
+from qtraj.motion.checks import require_axes, require_precise_angle, shared_dtype
 from qtraj.motion.profiles.profile import END_STATES, AbstractProfile, Profile
 from qtraj.motion.programs.eigenaxis import (
     attitude_about,
@@ -76,8 +76,8 @@ class EulerTurn(AbstractProgram):
         `axis` need not be a unit vector; it is in `axes`, "body" or "inertial". A negative angle turns the other way.
         `end_q` is then the continuous final quaternion, so a whole turn ends at −λ_0.
 
-        **Raises:** ValueError for an axis that is zero, values that are not finite or of another shape, unknown `axes`,
-        and in the same cases as `EulerTurn`.
+        **Raises:** ValueError for an axis that is zero, values that are not finite or of another shape, an angle so
+        large that its rounding error exceeds 0.01 rad, unknown `axes`, and in the same cases as `EulerTurn`.
 
         Example:
             >>> import qtraj as qt
@@ -88,6 +88,7 @@ class EulerTurn(AbstractProgram):
         require_axes(axes)
         e, total = real_vector(axis, "axis", 3), real_scalar(angle, "the angle of a slew")
         require_finite(total, "the angle of a slew")
+        require_precise_angle(total, "the angle of a slew")
         start = real_vector(start_q, "start_q", 4)
         _require_attitudes(start[None], "start_q")
         value = concrete(e)

@@ -10,7 +10,7 @@ from qtraj.foundation.seconds import seconds
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Quat, Scalar, ScalarLike, Vec3
 from qtraj.motion.attitude import AbstractProgram, Attitude
-from qtraj.motion.checks import require_axes, shared_dtype
+from qtraj.motion.checks import require_axes, require_precise_angle, shared_dtype
 
 
 @storable
@@ -28,7 +28,7 @@ class Spin(AbstractProgram):
 
     Raises:
         ValueError: For values that are not finite or of another shape, a zero quaternion, a duration that is not
-            positive, or unknown `axes`.
+            positive, an angle so large that its rounding error exceeds 0.01 rad, or unknown `axes`.
 
     Example:
         >>> spin = Spin([0.0, 0.0, 0.1], 60.0)
@@ -55,6 +55,7 @@ class Spin(AbstractProgram):
         if values is not None and not values.any():
             raise ValueError("start_q must not be zero, because zero does not represent an attitude")
         dtype = shared_dtype(omega, span, start)
+        require_precise_angle(span.astype(dtype) * abs(omega.astype(dtype)).max(), "the angle of a spin")
         self.start_q, self.duration = start.astype(dtype), span.astype(dtype)
         body = omega if axes == "body" else quaternion.rotate(quaternion.conjugate(start), omega)
         self.rate = body.astype(dtype)

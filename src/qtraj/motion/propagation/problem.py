@@ -61,7 +61,7 @@ def checked(
     if not callable(omega):
         raise ValueError(
             f"omega must be a function of time, but {type(omega).__name__} was given: for recorded rates call "
-            "propagate_samples(rates, q0, times)"
+            "propagate_samples(times, rates, q0)"
         )
     with at_once():
         times, q0 = output_times(times), initial_quaternion(q0)

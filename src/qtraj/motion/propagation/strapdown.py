@@ -43,9 +43,9 @@ are more accurate for smooth motion, but less accurate if noisy samples are very
 
 
 def propagate_samples(
+    times: ArrayInput,
     rates: ArrayInput,
     q0: ArrayInput,
-    times: ArrayInput,
     kind: str = "instantaneous",
     axes: str = "body",
     *,
@@ -55,7 +55,7 @@ def propagate_samples(
 ) -> Float[Array, "n 4"]:
     """Return the quaternions (n, 4) at `times` (n,) [s] from recorded rates; `q0` (4,) is the quaternion at times[0].
 
-    The order of the arguments is that of `propagate`. `rates` (n, 3), in body or inertial `axes`, depend on `kind`:
+    `rates` (n, 3), in body or inertial `axes`, depend on `kind`:
 
     - "instantaneous": ω(t_k) [rad/s];
     - "mean": the mean of ω over the preceding interval, t_{k−1} to t_k [rad/s];
@@ -73,8 +73,10 @@ def propagate_samples(
     increase strictly, a gap, or a `method` of another type. If a sample is invalid, the message gives the index and the
     time of the sample.
 
-    **Warns:** UserWarning for a bridged gap.
+    **Warns:** UserWarning for a bridged gap; DeprecationWarning for arguments in the former order rates, q0, times.
     """
+    if np.ndim(times) == 2 and np.shape(rates) == (4,):
+        times, rates, q0 = _former_order(times, rates, q0)
     require_axes(axes)
     require_method(method)
     if degree is not None:
@@ -84,8 +86,8 @@ def propagate_samples(
         raise ValueError(f"kind must be one of {', '.join(map(repr, KINDS))}, but {kind!r} was given")
     if np.ndim(rates) != 2:
         raise ValueError(
-            f"rates must have shape (n, 3), but shape {np.shape(rates)} was given; the arguments are rates, q0 and "
-            "times, in this order"
+            f"rates must have shape (n, 3), but shape {np.shape(rates)} was given; the arguments are times, rates and "
+            "q0, in this order"
         )
     with at_once():
         times, q0 = output_times(times, from_first=True), initial_quaternion(q0)
@@ -101,6 +103,17 @@ def propagate_samples(
     if needs_jax(arrays):
         return _compiled(method, kind, axes, degree, *arrays)
     return as_inputs(_integrate(method, kind, axes, degree, *map(on_host, arrays)), arrays)
+
+
+def _former_order(rates: ArrayInput, q0: ArrayInput, times: ArrayInput) -> tuple[ArrayInput, ArrayInput, ArrayInput]:
+    """Return the arguments of a call in the former order, in the present order, with a warning."""
+    warnings.warn(
+        "the arguments of propagate_samples are now times, rates, q0, in this order, but the first one is of two "
+        "dimensions, as the rates that were the first argument before",
+        DeprecationWarning,
+        stacklevel=3,
+    )
+    return times, rates, q0
 
 
 def _checked_rates(rates: ArrayInput, times: Array, kind: str) -> Float[Array, "n 3"]:

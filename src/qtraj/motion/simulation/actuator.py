@@ -8,6 +8,7 @@ from jaxtyping import Array, Float
 from qtraj.algebra.vector import norm
 from qtraj.foundation.arrays import as_float, concrete, real_scalar, require_finite, require_positive
 from qtraj.foundation.document import storable
+from qtraj.foundation.float_arguments import single_arguments
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Quat, Scalar, Vec3
 
@@ -64,6 +65,7 @@ class Actuator(eqx.Module):
     def __repr__(self) -> str:
         return shown(self, sampling="s", time_constant="s")
 
+    @single_arguments
     def __call__(self, command: Quat) -> Quat:
         """Return the `command` (4,) with its physical part limited."""
         if self.limit is None:

@@ -29,6 +29,9 @@ from qtraj.motion.simulation.signals import Signal, SignalInput, at_state, check
 MIN_SINGULAR_VALUE = 1e-6
 """Unit spin axes span three dimensions if the smallest singular value of their matrix exceeds this value."""
 
+ROUND_OFF = 1e-6
+"""Relative excess of an initial momentum over its limit that is allowed, such as of values in single precision."""
+
 Torques = Float[Array, " n"]
 Momenta = Float[Array, " n"]
 
@@ -43,7 +46,7 @@ class ReactionWheels(eqx.Module):
     its maximum momentum can only be slowed down. `momentum` (n,) [N m s]: the initial momenta; None for zero.
 
     **Raises:** ValueError for axes of another shape, zero axes, axes that do not span three dimensions, limits that are
-    not positive, or momenta of another shape.
+    not positive, momenta of another shape, or momenta beyond `max_momentum`.
     """
 
     axes: Float[Array, "n 3"]
@@ -90,6 +93,7 @@ class ReactionWheels(eqx.Module):
             )
         require_finite(momentum, "the momenta of the wheels")
         self.momentum = momentum.astype(axes.dtype)
+        _require_within(self.momentum, self.max_momentum)
 
 
 @storable
@@ -212,6 +216,19 @@ def _per_wheel(value: ArrayInput | None, count: int, name: str, unit: str) -> Fl
         raise ValueError(f"{name} must be a scalar or have shape ({count},), but shape {numbers.shape} was given")
     require_positive(numbers, name, unit)
     return jnp.broadcast_to(numbers, (count,))
+
+
+def _require_within(momentum: Momenta, limit: Momenta | None) -> None:
+    """Raise a ValueError for a concrete momentum beyond its limit, up to round-off."""
+    if limit is None or (values := concrete(momentum)) is None or (limits := concrete(limit)) is None:
+        return
+    excess = abs(values) - limits * (1 + ROUND_OFF)
+    if (excess > 0).any():
+        wheel = int(np.argmax(excess))
+        raise ValueError(
+            f"the initial momentum of wheel {wheel} (counted from 0) is {values[wheel]:.9g} N m s, but its "
+            f"max_momentum is {limits[wheel]:.9g} N m s: reduce the momentum, or raise the limit"
+        )
 
 
 def _limited(vector: Vec3, limit: Scalar | None) -> Vec3:

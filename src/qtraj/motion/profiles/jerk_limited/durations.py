@@ -3,10 +3,12 @@
 import math
 from collections.abc import Callable
 
+import numpy as np
+
 from qtraj.motion.profiles.jerk_limited.between import Task, scaled
-from qtraj.motion.profiles.jerk_limited.in_time import bisected, ramp_to, rests
+from qtraj.motion.profiles.jerk_limited.in_time import Ramp, bisected, ramp_to, rests
 from qtraj.motion.profiles.jerk_limited.search import minimum_duration
-from qtraj.motion.profiles.jerk_limited.structures import Ends
+from qtraj.motion.profiles.jerk_limited.structures import Batch, Ends
 
 SAMPLES = 256
 """Number of coasting rates at which `possible_durations` looks for changes of sign."""
@@ -37,33 +39,33 @@ def possible_durations(ends: Ends, max_rate: float) -> list[tuple[float, float]]
     rates without a coast, which are refined from changes of sign.
     """
 
-    def left(w: float) -> float:
-        return float(ends.distance) - sum(ramp_to(w, float(v), float(b)).distance for v, b in _states(ends))
+    def ramps(w: Batch) -> tuple[Ramp, Ramp]:
+        return ramp_to(w, ends.v0, ends.b0), ramp_to(w, ends.v1, ends.b1)
 
-    def lasts(w: float) -> float:
-        return left(w) / w + sum(ramp_to(w, float(v), float(b)).time for v, b in _states(ends)) if w else math.inf
+    def left(w: Batch) -> Batch:
+        return float(ends.distance) - sum(x.distance for x in ramps(w))
+
+    def lasts(w: Batch) -> Batch:
+        coast = np.where(w == 0, np.inf, left(w) / np.where(w == 0, 1.0, w))
+        return coast + sum(x.time for x in ramps(w))
 
     found = []
     for sense in (1.0, -1.0):
-        top = _top(lambda w: sense * left(sense * w), max_rate, sum(map(abs, rests(ends))))  # noqa: B023
-        rates = [top * k / SAMPLES for k in range(SAMPLES + 1)]
-        inside = None
-        for a, b in zip(rates, [*rates[1:], None], strict=True):
-            good = sense * left(sense * a) >= 0
-            if good and inside is None:
-                inside = a if a == 0 else _crossing(left, sense, a, a - top / SAMPLES)
-            if inside is not None and (b is None or sense * left(sense * b) < 0):
-                end = a if b is None else _crossing(left, sense, a, b)
-                found.append((lasts(sense * end), lasts(sense * inside)))
-                inside = None
+        top = _top(lambda w: sense * left(sense * w), max_rate, float(sum(map(abs, rests(ends)))))  # noqa: B023
+        rates = top * np.arange(SAMPLES + 1) / SAMPLES
+
+        def coasts(w: Batch, sense: float = sense) -> Batch:
+            return sense * left(sense * w) >= 0
+
+        good = np.concatenate([[False], coasts(rates), [False]])
+        rates = np.concatenate([rates[:1], rates, rates[-1:]])
+        first, last = np.flatnonzero(good[1:] & ~good[:-1]), np.flatnonzero(good[:-1] & ~good[1:])
+        lowest, highest = bisected(coasts, rates[[first + 1, last]], rates[[first, last + 1]])
+        found += zip(lasts(sense * highest).tolist(), lasts(sense * lowest).tolist(), strict=True)
     return _merged(found)
 
 
-def _states(ends: Ends) -> tuple[tuple[float, float], tuple[float, float]]:
-    return (ends.v0, ends.b0), (ends.v1, ends.b1)  # pyright: ignore[reportReturnType]
-
-
-def _top(left: Callable[[float], float], max_rate: float, start: float) -> float:
+def _top(left: Callable[[float], Batch], max_rate: float, start: float) -> float:
     """Return the limit on the rate, or without a limit a rate above which there is no coast."""
     if math.isfinite(max_rate):
         return max_rate
@@ -71,10 +73,6 @@ def _top(left: Callable[[float], float], max_rate: float, start: float) -> float
     while left(top) >= 0:
         top *= 2
     return top
-
-
-def _crossing(left: Callable[[float], float], sense: float, inside: float, outside: float) -> float:
-    return bisected(lambda w: sense * left(sense * w) >= 0, inside, outside)
 
 
 def _merged(intervals: list[tuple[float, float]]) -> list[tuple[float, float]]:

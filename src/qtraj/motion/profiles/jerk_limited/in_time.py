@@ -1,21 +1,22 @@
-"""Find a motion of a fixed duration that coasts between two ramps, on the host.
+"""Find motions of fixed durations that coast between two ramps, on the host, for arrays of any shape.
 
 Each ramp uses the full jerk, and the full acceleration if it lasts long enough. The distance increases strictly with
-the coasting rate w wherever the ramps fit into the duration, so bisection finds w. The times of the ramps are smallest
-at the rates that the initial and the final acceleration reach without a peak. Between these rates, the sum of the times
-is concave. So the rates at which the ramps fit form at most two intervals.
+the coasting rate w wherever the ramps fit into the duration, so sections of intervals find w. The times of the ramps
+are smallest at the rates that the initial and the final acceleration reach without a peak. Between these rates, the sum
+of the times is concave. So the rates at which the ramps fit form at most two intervals.
 """
 
-import math
 from collections.abc import Callable
 from typing import NamedTuple
 
-from qtraj.motion.profiles.jerk_limited.structures import Ends
+import numpy as np
+
+from qtraj.motion.profiles.jerk_limited.structures import Batch, Ends, half_distance, ramp
 
 MAX_STEPS = 200
-"""Number of steps of each bisection, which ends earlier at adjacent floats."""
-GOLDEN_STEPS = 80
-"""Number of steps of the golden-section search, which reduces an interval by more than the precision of floats."""
+"""Number of sections of each interval, which end earlier at adjacent floats."""
+POINTS = 63
+"""Number of points of a section in all intervals together, at least one in each: NumPy computes 63 as fast as one."""
 TOLERANCE = 1e-12
 """Relative error of the distance up to which a coast exists at an end of an interval."""
 
@@ -23,101 +24,103 @@ TOLERANCE = 1e-12
 class Ramp(NamedTuple):
     """A ramp between a state and the coast: its sense ±1, its peak, the time at the peak, its time and its distance."""
 
-    sense: float
-    peak: float
-    hold: float
-    time: float
-    distance: float
+    sense: Batch
+    peak: Batch
+    hold: Batch
+    time: Batch
+    distance: Batch
 
 
 class Coast(NamedTuple):
-    """A motion with a coast at the rate `rate` for the time `time`, between two ramps."""
+    """A motion with a coast at the rate `rate` for the time `time`, between two ramps; NaN if there is none."""
 
-    rate: float
-    time: float
+    rate: Batch
+    time: Batch
     first: Ramp
     last: Ramp
 
 
-def ramp_to(w: float, v: float, b: float) -> Ramp:
+def ramp_to(w: Batch, v: Batch, b: Batch) -> Ramp:
     """Return the ramp from the rate v and the acceleration b to the constant rate w."""
-    sense = 1.0 if w >= direct(v, b) else -1.0
+    sense = np.where(w >= direct(v, b), 1.0, -1.0)
     c, b = sense * v - b**2 / 2, sense * b
-    gain = max(sense * w - c, 0.0)
-    peak, hold = (math.sqrt(gain), 0.0) if gain <= 1 else (1.0, gain - 1)
-    distance = c * (peak - b) - b**3 / 6 + c * hold + peak**2 * hold / 2 + peak * hold**2 / 2 + sense * w * peak
-    return Ramp(sense, peak, hold, 2 * peak - b + hold, sense * distance)
+    peak, hold = ramp(np.maximum(sense * w - c, 0.0))
+    return Ramp(sense, peak, hold, 2 * peak - b + hold, sense * half_distance(c, b, peak, hold)[0])
 
 
-def direct(v: float, b: float) -> float:
+def direct(v: Batch, b: Batch) -> Batch:
     """Return the rate at which the acceleration b vanishes if it is reduced at once."""
-    return v + b * abs(b) / 2
+    return v + b * np.abs(b) / 2
 
 
-def coast_in_time(ends: Ends, max_rate: float, duration: float) -> Coast | None:
-    """Return the motion of the duration between `ends` (of scalars), or None if there is none."""
+def coast_in_time(ends: Ends, max_rate: Batch, duration: Batch) -> Coast:
+    """Return the motion of the duration between `ends`."""
 
-    def ramps(w: float) -> tuple[Ramp, Ramp]:
-        return ramp_to(w, float(ends.v0), float(ends.b0)), ramp_to(w, float(ends.v1), float(ends.b1))
+    def ramps(w: Batch) -> tuple[Ramp, Ramp]:
+        return ramp_to(w, ends.v0, ends.b0), ramp_to(w, ends.v1, ends.b1)
 
-    def spare(w: float) -> float:
-        return duration - sum(x.time for x in ramps(w))
+    def spare(w: Batch) -> Batch:
+        first, last = ramps(w)
+        return duration - (first.time + last.time)
 
-    def excess(w: float) -> float:
-        return sum(x.distance for x in ramps(w)) + w * spare(w) - float(ends.distance)
+    def excess(w: Batch) -> Batch:
+        first, last = ramps(w)
+        return first.distance + last.distance + w * (duration - (first.time + last.time)) - ends.distance
 
-    size = abs(float(ends.distance)) + duration * max(abs(float(ends.v0)), abs(float(ends.v1)))
-    for low, high in _intervals(spare, *rests(ends), max_rate):
-        if excess(low) <= TOLERANCE * size and excess(high) >= -TOLERANCE * size:
-            w = bisected(lambda x: excess(x) <= 0, low, high)
-            return Coast(w, max(spare(w), 0.0), *ramps(w))
-    return None
+    low, high = _intervals(spare, ends, max_rate, duration)
+    size = np.abs(ends.distance) + duration * np.maximum(np.abs(ends.v0), np.abs(ends.v1))
+    possible = (low <= high) & (excess(low) <= TOLERANCE * size) & (excess(high) >= -TOLERANCE * size)
+    low, high = (np.where(possible[0], *x) for x in (low, high))
+    w = np.where(possible.any(axis=0), bisected(lambda w: excess(w) <= 0, low, high), np.nan)
+    return Coast(w, np.maximum(spare(w), 0.0), *ramps(w))
 
 
-def rests(ends: Ends) -> tuple[float, float]:
+def rests(ends: Ends) -> tuple[Batch, Batch]:
     """Return the rates that the accelerations at both ends reach without a peak, in ascending order."""
-    first, last = direct(float(ends.v0), float(ends.b0)), direct(float(ends.v1), float(ends.b1))
-    return min(first, last), max(first, last)
+    first, last = direct(ends.v0, ends.b0), direct(ends.v1, ends.b1)
+    return np.minimum(first, last), np.maximum(first, last)
 
 
-def _intervals(spare: Callable[[float], float], low: float, high: float, max_rate: float) -> list[tuple[float, float]]:
-    """Return the intervals of coasting rates within ±`max_rate` for which `spare` is not negative."""
+def _intervals(spare: Callable[[Batch], Batch], ends: Ends, max_rate: Batch, duration: Batch) -> tuple[Batch, Batch]:
+    """Return both ends of the two intervals of coasting rates within ±`max_rate` at which the ramps fit.
 
-    def fits(w: float) -> bool:
-        return spare(w) >= 0
-
-    middle = _argmin(spare, low, high)
-    if fits(middle):
-        inner = [(low, high)]
-    else:
-        inner = [(low, bisected(fits, low, middle))] if fits(low) else []
-        inner += [(bisected(lambda w: not fits(w), middle, high), high)] if fits(high) else []
-    outer = [(_outwards(fits, a, -1) if a == low else a, _outwards(fits, b, 1) if b == high else b) for a, b in inner]
-    return [(max(a, -max_rate), min(b, max_rate)) for a, b in outer if a <= max_rate and b >= -max_rate]
-
-
-def _outwards(fits: Callable[[float], bool], start: float, sense: int) -> float:
-    """Return the rate furthest from `start` in one sense at which the ramps fit."""
-    step = max(abs(start), 1e-300)
-    while fits(start + sense * step):
-        step *= 2
-    return bisected(fits, start, start + sense * step)
+    An interval that does not exist is NaN. If the ramps fit at all rates between `rests`, both intervals are the same.
+    """
+    low, high = rests(ends)
+    middle = _slowest(ends, low, high)
+    fits_low, fits_high, fits_middle = spare(low) >= 0, spare(high) >= 0, spare(middle) >= 0
+    # Two ramps beyond `rests` last longer than the rate has changed twice, minus the initial accelerations.
+    beyond = np.abs(duration) + np.abs(ends.b0) + np.abs(ends.b1)
+    inside = np.stack(np.broadcast_arrays(low, high, low, high))
+    outside = np.stack(np.broadcast_arrays(low - beyond, high + beyond, middle, middle))
+    lowest, highest, inner_low, inner_high = bisected(lambda w: spare(w) >= 0, inside, outside)
+    starts = [np.where(fits_low, lowest, np.nan), np.where(fits_middle, lowest, inner_high)]
+    stops = [np.where(fits_middle, highest, inner_low), np.where(fits_high, highest, np.nan)]
+    return np.maximum(np.stack(starts), -max_rate), np.minimum(np.stack(stops), max_rate)
 
 
-def bisected(holds: Callable[[float], bool], inside: float, outside: float) -> float:
-    """Return a number between `inside`, where a condition holds, and `outside`, next to where it ceases to hold."""
+def _slowest(ends: Ends, low: Batch, high: Batch) -> Batch:
+    """Return the rate between `low` and `high` at which the ramps last longest: there, both gain the same rate."""
+    first = direct(ends.v0, ends.b0) <= direct(ends.v1, ends.b1)
+    change = np.where(first, ends.b1**2 - ends.b0**2, ends.b0**2 - ends.b1**2) / 2
+    return np.clip((ends.v0 + ends.v1 + change) / 2, low, high)
+
+
+def bisected(holds: Callable[[Batch], Batch], inside: Batch, outside: Batch) -> Batch:
+    """Return numbers between `inside`, where a condition holds, and `outside`, next to where it ceases to hold.
+
+    `holds` is called with arrays that have the shape of both and a new first axis.
+    """
+    inside, outside = np.broadcast_arrays(inside, outside)
+    count = max(1, POINTS // max(inside.size, 1))
+    parts = (np.arange(count + 2) / (count + 1)).reshape(-1, *(1,) * inside.ndim)
     for _ in range(MAX_STEPS):
-        middle = (inside + outside) / 2
-        if middle in (inside, outside):
+        points = inside + parts * (outside - inside)
+        points[-1] = outside
+        held = holds(points[1:-1])
+        last = np.where(held.all(axis=0), count, np.argmin(held, axis=0))[None]
+        new = [np.take_along_axis(points, last + k, axis=0)[0] for k in (0, 1)]
+        if np.all((new[0] == inside) & (new[1] == outside) | np.isnan(new[0])):
             break
-        inside, outside = (middle, outside) if holds(middle) else (inside, middle)
+        inside, outside = new
     return inside
-
-
-def _argmin(function: Callable[[float], float], low: float, high: float) -> float:
-    """Return the minimiser of a convex function by golden-section search."""
-    ratio = (5**0.5 - 1) / 2
-    for _ in range(GOLDEN_STEPS):
-        a, b = high - ratio * (high - low), low + ratio * (high - low)
-        low, high = (low, b) if function(a) <= function(b) else (a, high)
-    return (low + high) / 2

@@ -55,12 +55,13 @@ def _search(*arguments: Batch) -> Batch:
         found = fastest(ends, max_rate)
         exists = found.exists & _is_reachable(ends, max_rate * (1 + round_off), 1 + round_off)
         minimum = np.where(exists, found.motion.duration(Ends(*(found.sense * x for x in ends))), np.nan)
-    rows = np.stack([*found.motion, found.sense, found.sense, 0 * minimum, exists, minimum], axis=-1)
-    for index in np.argwhere(np.isfinite(durations) & exists):
-        k = tuple(index)
-        size = minimum[k] + abs(ends.b0[k]) + abs(ends.b1[k])
-        if abs(durations[k] - minimum[k]) > round_off * size:
-            rows[k][:9] = _timed(Ends(*(x[k] for x in ends)), float(max_rate[k]), float(durations[k]), rows[k][:9])
+        size = minimum + np.abs(ends.b0) + np.abs(ends.b1)
+        timed = np.isfinite(durations) & exists
+        coasts = timed & (np.minimum(found.motion.p, found.motion.q) >= 0)
+        rows = np.stack([*found.motion, found.sense, found.sense, coasts, exists, minimum], axis=-1)
+        other = timed & (np.abs(durations - minimum) > round_off * size)
+        if other.any():
+            rows[other] = _timed(Ends(*(x[other] for x in ends)), max_rate[other], durations[other], rows[other])
     return rows.astype(dtype)
 
 
@@ -76,10 +77,11 @@ def minimum_duration(ends: Ends, max_rate: Scalar) -> float:
     return float(_search(*ends, max_rate, np.asarray(np.nan))[9])
 
 
-def _timed(ends: Ends, max_rate: float, duration: float, fallback: Batch) -> Any:
-    """Return the first nine values of a motion of the duration, or `fallback` with `exists` = 0."""
+def _timed(ends: Ends, max_rate: Batch, duration: Batch, fastest: Batch) -> Batch:
+    """Return the rows of motions of the duration, or those of the `fastest` with `exists` = 0."""
     coast = coast_in_time(ends, max_rate, duration)
-    if coast is None:
-        return (*fallback[:8], 0.0)
-    first, last = coast.first, coast.last
-    return first.peak, first.hold, last.peak, last.hold, coast.time, first.sense, last.sense, 1.0, 1.0
+    first, last, exists = coast.first, coast.last, np.isfinite(coast.rate)
+    ramps = [first.peak, first.hold, last.peak, last.hold, coast.time, first.sense, last.sense]
+    own = np.stack([*ramps, exists, exists, fastest[:, 9]], axis=-1)
+    none = np.concatenate([fastest[:, :7], 0 * fastest[:, 7:9], fastest[:, 9:]], axis=-1)
+    return np.where(exists[:, None], own, none)
