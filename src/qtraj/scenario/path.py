@@ -68,7 +68,7 @@ class LimitedScenario(NamedPart):
     def _faults(self) -> Iterator[str]:
         limits, vehicle = self.limits.limits(), self.vehicle and self.vehicle.without_file()
         for name in limits:
-            if quantity(name).needs_vehicle:
+            if quantity(name).needs:
                 require_vehicle(vehicle, quantity(name).needs, f"limits.{name}")
         if (columns := self.limits.columns()) and getattr(self, "track", None) is None:
             yield f"limits.{next(iter(columns))} is a column of a recording: specify [track], or another form of limit"

@@ -204,7 +204,7 @@ def retiming(loaded: ScenarioFile[Any], limits: Mapping[str, Any]) -> RouteTask:
 
 
 def _without_vehicle(limits: Mapping[str, Any], name: str) -> Limits:
-    if needs := [limit for limit in limits if quantity(limit).needs_vehicle]:
+    if needs := [limit for limit in limits if quantity(limit).needs]:
         raise ValueError(
             f"a limit on {needs[0]} needs a vehicle, which a saved path does not have: write a scenario with path = "
             f"'{name}', [vehicle] and [limits]"

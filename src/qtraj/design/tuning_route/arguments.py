@@ -63,7 +63,7 @@ def require_suitable(names: tuple[str, ...], objective: str) -> None:
             f"tune_route does not support limits on {', '.join(wrong)}, because the natural trihedral does not exist "
             "on the straight parts of a route. Limit curvature, yaw_rate or yaw_acceleration instead."
         )
-    forces = dict.fromkeys(x.base or x.name for x in map(quantity, names) if x.on_road)
+    forces = dict.fromkeys(x.base or x.name for x in map(quantity, names) if x.gravity)
     if forces:
         raise ValueError(
             f"tune_route does not support limits on {', '.join(forces)}. Limit lateral_acceleration and "
