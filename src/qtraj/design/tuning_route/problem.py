@@ -34,7 +34,7 @@ class RouteProblem(NamedTuple):
     (limits,): the squares of the limits. `tube`, `fine_tube` (2, nodes, n) [m²]: the squares of the half-widths. `used`
     (limits + 2, nodes, n): whether a constraint is used. `shortest`, `longest` (n,) [s]: bounds on the durations.
     `local` (limits, fine, n): the squares of limits that change along the way, at the fine nodes; None if no limit
-    changes.
+    changes. `road` (parameters, fine, n): the `RoadParameters` there; None if no limit depends on them.
 
     The objective is the sum over segments of δᵀ`near`δ + `pace`(h/h₀ − 1)² + `jerk`∫|r⃛|²dt + `time`·h, where δ is the
     change of the scaled end states, h the duration and h₀ the original duration. `unit` times this sum is the objective
@@ -72,6 +72,7 @@ class RouteProblem(NamedTuple):
     rates: Any = None
     fine_rates: Any = None
     local: Any = None
+    road: Any = None
 
     @property
     def dense(self) -> bool:
@@ -93,7 +94,20 @@ class RouteProblem(NamedTuple):
 
 _OF_SEGMENTS = (
     *("ends", "durations", "moving", "offset", "fine_offset", "tube", "fine_tube", "used"),
-    *("shortest", "longest", "near", "pace", "jerk", "time", "per_time", "composed", "rates", "fine_rates", "local"),
+    *(
+        "shortest",
+        "longest",
+        "near",
+        "pace",
+        "jerk",
+        "time",
+        "per_time",
+        "composed",
+        "rates",
+        "fine_rates",
+        "local",
+        "road",
+    ),
 )
 
 

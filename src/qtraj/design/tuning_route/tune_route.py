@@ -8,8 +8,14 @@ import numpy as np
 
 from qtraj.design.limits import Limits, limits_of, require_limits
 from qtraj.design.proof.certificate import UNDEFINED
-from qtraj.design.tuning_route import along, circuit, rounds
-from qtraj.design.tuning_route.arguments import fixed_states, half_widths, limited, require_route
+from qtraj.design.tuning_route import along, circuit, roads, rounds
+from qtraj.design.tuning_route.arguments import (
+    fixed_states,
+    half_widths,
+    limited,
+    require_differentiable,
+    require_route,
+)
 from qtraj.design.tuning_route.curves import joints_of, largest_of, spread
 from qtraj.design.tuning_route.geometry import moved_states
 from qtraj.design.tuning_route.problem import RouteProblem
@@ -72,8 +78,10 @@ def tune_route(
     position, velocity and acceleration as the first joint, and by default no state is fixed. So the limits are proved
     on the whole lap, including the transition to the next lap.
 
-    Limits may change along the way (`Along`). While the route changes, so do the distances: the limits of a segment are
-    the strictest ones at the distances that it covers in the last result, and `certify` checks the final route.
+    Limits may change along the way (`Along`), and limits on forces refer to a road that does (`Road`). While the route
+    changes, so do the distances: the limits of a segment are the strictest ones at the distances that it covers in the
+    last result, the bank and the friction at a node are those at its distance there, and `certify` checks the final
+    route on its own distances.
 
     A `Shape` has no times: first its fastest timing is computed, a flying lap if it is closed, from which the search
     starts. The default objective is "fastest", and `closed` is that of the shape. The tube is by default that of its
@@ -105,11 +113,12 @@ def tune_route(
     converge, or if the limits contradict each other.
 
     **Raises:** ValueError for a path that is not a route, a batch, arguments inside jit or vmap, a traced route in
-    float32, an unknown objective, a limit on the natural trihedral (which does not exist on straights) or on forces,
-    "fastest" without a limit that bounds the speed, half-widths that are not positive, a wrong shape, or a `closed`
-    route that does not end where it starts, has only one segment, or has different half-widths at its ends; for a shape
-    also without widths and tube, with edges nearer than the margins, and without a fastest timing. RuntimeError with
-    `throw` if a limit is not proved to be satisfied.
+    float32, an unknown objective, a limit on the natural trihedral (which does not exist on straights), derivatives
+    with respect to the vehicle or on a road that changes along the way, "fastest" without a limit that bounds the
+    speed, half-widths that are not positive, a wrong shape, or a `closed` route that does not end where it starts, has
+    only one segment, or has different half-widths at its ends; for a shape also without widths and tube, with edges
+    nearer than the margins, and without a fastest timing. RuntimeError with `throw` if a limit is not proved to be
+    satisfied.
     """
     route, limits = in_float64((route, limits))
     if isinstance(route, Shape):
@@ -125,7 +134,7 @@ def tune_route(
         return _solution(route, limits, names, tube, objective, fixed, closed, max_steps)
 
     if is_traced(route, limits, tube):
-        limits.require_constant("tune_route inside grad or jvp", "omit the derivatives")
+        require_differentiable(limits)
         result = differentiable(route, limits, tube, names, objective, solve)
     else:
         result = solve(route, limits, tube).result
@@ -152,7 +161,8 @@ def _solution(
     every = fixed_states(fixed, joints, closed)
     held = np.stack([every[own].any(axis=0) for own in rows])
     bounds = along.typical(limits)
-    problem = problem_of(given, names, bounds, widths, held, objective, objective == "smoothest", closed)
+    road = roads.at_fine_nodes(route, limits, given)
+    problem = problem_of(given, names, bounds, widths, held, objective, objective == "smoothest", closed, road)
     if limits.varying:
         problem = problem._replace(local=along.local_squares(route, limits, given.curves, closed))
     found = _unchanged(route, given, limits, widths, problem)
@@ -171,8 +181,9 @@ def _solution(
             own[[0, -1]] &= not change.free_ends
             values = np.array([change.limits[name] for name in names])
             kept = change.objective == "smoothest"
-            changed = problem_of(given, names, values, widths, own, change.objective, kept, closed)
-            return rounds.feasible(route, given, limits_of(change.limits), widths, changed, max_steps)
+            changed = problem_of(given, names, values, widths, own, change.objective, kept, closed, road)
+            raised = limits_of(change.limits, limits.vehicle)
+            return rounds.feasible(route, given, raised, widths, changed, max_steps)
 
         values = dict(zip(names, bounds.tolist(), strict=True))
         advice = remedy(values, found, objective, bool(held[[0, -1]].any()), solves)
