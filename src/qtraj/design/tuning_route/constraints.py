@@ -223,14 +223,15 @@ def expand(
         w, stiff, growth = unit[k] * weights[k], stiffness[k], -power[k] / s.h
         value[k], slope[k], rate[k] = unit[k] * g.value, unit[k] * g.gradient[:q], growth * unit[k] * g.value
         twice += growth * (growth - 1 / s.h) * weights[k] * value[k]
+        bent = np.zeros((q + own, q + own, 1, 1)) if isinstance(g.hessian, int) else g.hessian
         if own:
             more = unit[k] * g.gradient[q]
             rate[k] += more
-            mixed += w * g.hessian[:q, q]
-            twice += w * g.hessian[q, q] + 2 * growth * weights[k] * more
+            mixed += w * bent[:q, q]
+            twice += w * bent[q, q] + 2 * growth * weights[k] * more
         mixed += (growth * weights[k] + stiff * rate[k]) * slope[k]
         twice += stiff * rate[k] ** 2
-        second += w * g.hessian[:q, :q]
+        second += w * bent[:q, :q]
         second += (stiff * slope[k])[:, None] * slope[k]
     if problem.dense:
         mixed = _in_parameter(mixed[None], None, problem.rates)[0][0]
