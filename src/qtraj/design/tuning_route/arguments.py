@@ -72,8 +72,10 @@ def require_suitable(names: tuple[str, ...], objective: str) -> None:
         )
 
 
-def require_differentiable(limits: Limits) -> None:
-    """Raise a ValueError for limits with which a tuned route has no derivatives."""
+def require_differentiable(limits: Limits, nearest_to: Any) -> None:
+    """Raise a ValueError for limits or a path with which a tuned route has no derivatives."""
+    if nearest_to is not None:
+        raise ValueError("tune_route has no derivatives with nearest_to: omit one of the two")
     limits.require_constant("tune_route inside grad or jvp", "omit the derivatives")
     if limits.along_road:
         raise ValueError("tune_route has no derivatives on a road that changes along the way: omit them")

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from qtraj.design.tuning_route import basis, circuit
 from qtraj.design.tuning_route.chain import Border, Chain
 from qtraj.design.tuning_route.constraints import Curvature, Expansion
-from qtraj.design.tuning_route.problem import BLOCK, RouteProblem, Segments, bent, powers, squared_jerk
+from qtraj.design.tuning_route.problem import BLOCK, RouteProblem, Segments, bent, off_target, powers, squared_jerk
 
 _POWERS = np.array(basis.POWERS, float)[:, None, None]
 
@@ -42,7 +42,7 @@ class LocalSecond(NamedTuple):
 
 def objective_first(problem: RouteProblem, s: Segments) -> Local:
     """Compute first derivatives of the objective."""
-    near = 2 * np.einsum("lmn,mcn->lcn", problem.near, s.change)
+    near = 2 * np.einsum("lmn,mcn->lcn", problem.near, off_target(problem, s))
     pace = 2 * problem.pace * (s.h / problem.durations - 1.0) / problem.durations
     rough = -5 * problem.jerk * s.h**-6 * squared_jerk(s)
     return Local(near + 2 * problem.jerk * s.h**-5 * bent(s), pace + rough + problem.time)
