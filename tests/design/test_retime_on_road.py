@@ -103,3 +103,19 @@ def test_a_linear_limit_on_a_road_that_changes_is_proved_in_parts_of_cells(monke
     timed = qt.retime(route, qt.Limits(speed=40.0, friction=limit, vehicle=qt.Vehicle(1200.0, road=road)))
     assert timed.converged, timed.result
     assert count[0] < 300
+
+
+@pytest.mark.parametrize("ends", [(True, False), (False, True), (True, True)])
+def test_the_friction_bounds_the_acceleration_where_the_route_itself_is_at_rest(ends):
+    """Six metres at the acceleration μ·limit·g, on routes whose derivative vanishes where they start or end."""
+    rest = [[0.0, 0.0, 0.0] if x else [4.0, 0.0, 0.0] for x in ends]
+    pull = [[3.0, 0.0, 0.0] if ends[0] else [0.0] * 3, [-3.0, 0.0, 0.0] if ends[1] else [0.0] * 3]
+    route = qt.Route([0.0, 2.0], [[0.0, 0.0, 0.0], [6.0, 0.0, 0.0]], rest, pull)
+    limits = qt.Limits(speed=50.0, friction=0.5, vehicle=qt.Vehicle(1000.0, friction=0.7))
+    timed = qt.retime(route, limits)
+    assert timed.certificate.holds, timed.result
+    reach, push = (1, 6.0) if sum(ends) == 1 else (2, 3.0)
+    expected = reach * np.sqrt(2 * push / (0.35 * 9.80665))
+    assert float(timed.path.duration) == pytest.approx(expected, rel=1e-3)
+    table = qt.evaluate(timed.path, np.linspace(0.0, timed.path.duration, 1001), ("friction",), vehicle=limits.vehicle)
+    assert 0.4999 < np.asarray(table.friction)[[0, -1]].max() <= np.asarray(table.friction).max() <= 0.5
