@@ -188,8 +188,8 @@ def parts(
     direction = xp.stack(ahead) * inv_ahead[None]
     on_road = road.coefficients(direction, r2, i.v, half, vehicle, bounds)
     # Where r' and r'' vanish, the direction of motion is unknown, so omit friction and power there.
-    least = STANDING**2 * xp.max(i.A)
-    return found._replace(road=road.without(on_road, ~moving & (i.A <= least)))
+    size = dot(r2, r2)
+    return found._replace(road=road.without(on_road, ~moving & (size <= STANDING**2 * xp.max(size))))
 
 
 def _stacked(rows: list[Any], shape: tuple[int, ...], like: Float[Any, "*nodes"]) -> Any:
