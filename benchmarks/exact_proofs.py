@@ -28,7 +28,7 @@ import qtraj as qt
 from qtraj.path.frenet import Invariants
 from qtraj.path.quantity import QUANTITIES
 
-NAMES = tuple(name for name, entry in QUANTITIES.items() if not entry.needs_vehicle)
+NAMES = tuple(name for name, entry in QUANTITIES.items() if not entry.needs)
 KINDS = ("uniform", "hermite", "quintic", "route")
 LONG = ("angular_acceleration", "yaw_acceleration")
 """Quantities of such a high degree on a quintic that only one of `RARELY` quintics is checked for them."""

@@ -20,7 +20,7 @@ from .tuning.problems import problems
 from .turns import element, exact_square, random_turns
 
 COUNT, SAMPLES, ROUNDS = 1000, 10_000, 7
-NAMES = [name for name, x in QUANTITIES.items() if not (name.endswith("angular_acceleration") or x.needs_vehicle)]
+NAMES = [name for name, x in QUANTITIES.items() if not (name.endswith("angular_acceleration") or x.needs)]
 UNDECIDED = STATUSES.index("undecided")
 
 

@@ -159,7 +159,7 @@ def test_bad_scenarios_are_refused(qtraj, tmp_path, text, message):
 
 
 def test_the_settings_of_the_tuning_are_passed_on(qtraj, tmp_path, monkeypatch):
-    def refuse(route, limits, tube, objective, *, max_steps):
+    def refuse(route, limits, tube, objective, *, nearest_to, max_steps):
         raise ValueError(f"{tube} {objective} {max_steps}")
 
     monkeypatch.setattr("qtraj.scenario.route.tune_route", refuse)

@@ -299,7 +299,7 @@ def test_a_user_defined_polynomial_path_is_proved():
     assert set(below.status.values()) == {"broken"}, str(below)
 
 
-@pytest.mark.parametrize("name", [name for name, entry in QUANTITIES.items() if not entry.needs_vehicle])
+@pytest.mark.parametrize("name", [name for name, entry in QUANTITIES.items() if not entry.needs])
 def test_the_proved_ratio_equals_the_evaluated_square(name):
     entry, path = QUANTITIES[name], element(random_turns(2, "hermite"), 0)
     certificate = invariants_at(path, 0.3 * path.duration, entry.order)

@@ -20,7 +20,7 @@ from qtraj.path.quantity import QUANTITIES
 from qtraj.path.values import value as value_of
 from qtraj.path.vehicle import GRAVITY, NO_VEHICLE
 
-ALL = {name: 1.0 for name, entry in QUANTITIES.items() if not entry.needs_vehicle}
+ALL = {name: 1.0 for name, entry in QUANTITIES.items() if not entry.needs}
 STEERING = [name for name, entry in QUANTITIES.items() if entry.needs == WHEELBASE]
 PLACEMENTS = [None, qt.Placement([5.0, 6.0, 7.0]), qt.Placement([0.0, 0.0, 0.0], [1.0, 0.2, -0.1, 0.3])]
 

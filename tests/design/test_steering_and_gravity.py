@@ -407,11 +407,6 @@ REFUSED = {
     "a side": (lambda: qt.Limits(bank_angle=(-4.0, 1.0)), "must be an angle below 3.14159 rad, but -4 rad"),
     "a step": (lambda: qt.Limits(tilt=qt.Along([0, 9], [0.3, 4.0])), "an angle below 3.14159 rad, but 4 rad"),
     "a line": (lambda: qt.Limits(tilt=qt.Along([0, 9], [0.3, 3.4], "linear")), "an angle below 3.14159 rad, but 3.4"),
-    "a route": (
-        lambda: qt.tune_route(ROUTE, qt.Limits(steering_angle=0.3, vehicle=CAR)),
-        "limit horizontal_curvature to tan",
-    ),
-    "gravity": (lambda: qt.tune_route(ROUTE, qt.Limits(bank_angle=0.3)), "does not support limits on bank_angle"),
     "a timing": (lambda: qt.retime(ROUTE, qt.Limits(speed=9.0, load_factor=1.2)), "load_factor"),
     "zero": (lambda: qt.Limits(tilt=0.0), "limit tilt must be positive"),
 }

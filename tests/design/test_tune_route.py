@@ -336,7 +336,6 @@ def test_roundings_of_halvings_are_counted():
     ("change", "match"),
     [
         ({"limits": qt.Limits(torsion=0.1)}, "natural trihedral"),
-        ({"limits": qt.Limits(friction=0.5, vehicle=qt.Vehicle(1000.0, friction=0.8))}, "does not support .* friction"),
         ({"objective": "best"}, "nearest, smoothest, fastest"),
         ({"objective": "fastest", "limits": qt.Limits(curvature=0.1)}, "bounds the speed"),
         ({"tube": 0.0}, "must be positive"),

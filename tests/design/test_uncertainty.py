@@ -322,6 +322,49 @@ def test_the_closest_margin_and_its_probability(fitted):
     assert "violated with more than 99.99 %" in violated.result
 
 
+def test_margins_without_a_standard_deviation_are_no_infinite_numbers():
+    """A route without errors: its margins are more standard deviations than a text should print."""
+    exact = qt.fit_route(recorded(0, sigma=0.0), position_sigma=1e-9)
+    found = qt.margin_uncertainty(exact, qt.Limits(speed=20.0, curvature=0.01), [5.0])
+    assert (
+        "speed: satisfied with more than 99.99 % at the closest instant, 5 s, where the margin is more than 100 sigma"
+        in (found.result)
+    )
+    assert "curvature: violated with more than 99.99 %" in found.result
+    assert "less than -100 sigma" in found.result
+    found = qt.MarginUncertainty(
+        np.array([1.0]), {"speed": np.array([3.0])}, {"speed": np.array([0.0])}, {"speed": np.array([0.0])}
+    )
+    assert "inf" not in found.result + repr(found)
+
+
+def test_the_text_of_margins_says_what_the_probabilities_omit(fitted):
+    straight = qt.fit_route(recorded(1, lambda t: np.stack([9 * t, 0 * t, 0 * t], axis=1)), smoothing=0.1)
+    for fit, rough in ((fitted, False), (straight, True)):
+        found = qt.margin_uncertainty(fit, qt.Limits(curvature=0.001)).result
+        assert "of first order" in found
+        assert ("whose probability is rough" in found) == rough
+
+
+def test_a_function_is_compiled_once():
+    """New instants, another vehicle and another fit use the same executable."""
+    calls = []
+
+    def counted(p):
+        calls.append(1)
+        return jnp.arctan2(p.velocity[1], p.velocity[0])
+
+    course = qt.Quantity("course", "rad", counted)
+    fits = [qt.fit_route(recorded(k, times=np.arange(0.0, 10.0, 0.1)), position_sigma=SIGMA) for k in range(2)]
+    qt.uncertainty(fits[0], [1.0, 2.0], [course], qt.Vehicle(900.0))
+    before = len(calls)
+    found = qt.uncertainty(fits[1], [3.0, 4.0], [course], qt.Vehicle(1000.0))
+    assert len(calls) == before
+    np.testing.assert_allclose(
+        found.values["course"], qt.uncertainty(fits[1], [3.0, 4.0], ["heading"]).values["heading"]
+    )
+
+
 def test_margins_at_a_stop_are_unknown(stopped):
     found = qt.margin_uncertainty(stopped, qt.Limits(yaw_rate=0.3))
     assert np.isfinite(found.closest["yaw_rate"].score)
@@ -355,7 +398,7 @@ def test_figures_have_bands(fitted):
         (lambda f: qt.uncertainty(f, [1.0], ["yaw"]), "unknown quantity 'yaw'; the known quantities are position"),
         (lambda f: qt.uncertainty(f, [1.0], "yaw_rate"), "must be a sequence of names"),
         (lambda f: qt.uncertainty(f, 1.0), "must have shape"),
-        (lambda f: qt.uncertainty(f, [50.0]), "within the path"),
+        (lambda f: qt.uncertainty(f, [50.0]), "was given: pass track.elapsed"),
         (lambda f: qt.uncertainty(f, [1.0], ["friction"]), "needs a vehicle"),
         (lambda f: qt.margin_uncertainty(f, qt.Limits()), "the limits are empty"),
         (lambda f: qt.margin_uncertainty(f, {"curvature": 1.0}), "limits must be"),

@@ -52,7 +52,7 @@ def dataset():
 def test_every_variable_has_its_unit(dataset):
     assert {name: dataset[name].attrs["units"] for name in UNITS} == UNITS
     assert all(v.attrs.get("units") and v.attrs.get("long_name") for v in dataset.data_vars.values())
-    assert {q.variable for q in QUANTITIES.values() if not q.needs_vehicle} <= set(dataset.data_vars)
+    assert {q.variable for q in QUANTITIES.values() if not q.needs} <= set(dataset.data_vars)
     for name in ("quaternion_convention", "frame_convention", "rate_convention", "layout", "source"):
         assert dataset.attrs[name]
     assert dataset.attrs["title"] == "helices"

@@ -5,6 +5,7 @@ import pytest
 
 import qtraj as qt
 from qtraj.io.dataset import path_dataset
+from qtraj.io.route_dataset import route_dataset
 from qtraj.viz.figures import route_figure
 from qtraj.viz.report.paths import path_report
 from qtraj.viz.report.payload import payload
@@ -91,3 +92,36 @@ def test_outliers_do_not_set_the_axes_of_the_map(dataset):
     assert [(axes.get_xlim(), axes.get_ylim()) for axes in route_figure(outlier).axes[:1]] == [
         (pytest.approx(x, abs=1.0), pytest.approx(y, abs=1.0)) for x, y in limits
     ]
+
+
+def test_a_road_that_changes_has_panels():
+    t = np.arange(0.0, 10.0, 0.1)
+    route = qt.fit_route(qt.Track(t, np.stack([10 * t, 0 * t, 0 * t], axis=1))).path
+    road = qt.Road([0.0, 40.0, 60.0], bank=[0.0, 0.1, 0.0], friction=[[0.8, 0.7], [0.3, 0.2], [0.8, 0.7]])
+    limits = qt.Limits(friction=0.9, vehicle=qt.Vehicle(1e3, road=road))
+    panels = {axes.get_ylabel(): axes for axes in route_figure(path_dataset({"route": route}, limits)).axes}
+    way, bank = panels["bank of\nthe road [°]"].lines[0].get_data()
+    np.testing.assert_allclose(bank, np.degrees(np.interp(way, road.distance, road.bank)), atol=1e-9)
+    along, across = (line.get_data()[1] for line in panels["friction of\nthe road [-]"].lines)
+    np.testing.assert_allclose(along - across, 0.1)
+    np.testing.assert_allclose(along, np.interp(way, road.distance, [0.8, 0.3, 0.8]), atol=1e-9)
+    level = qt.Limits(friction=0.9, vehicle=qt.Vehicle(1e3))
+    assert not any("road" in axes.get_ylabel() for axes in route_figure(path_dataset({"r": route}, level)).axes)
+
+
+def test_the_standard_deviations_of_a_fitted_route_are_columns_and_bands():
+    t = np.arange(0.0, 20.0, 0.1)
+    noise = np.random.default_rng(0).normal(0.0, 0.03, (len(t), 3))
+    fitted = qt.fit_route(qt.Track(t, np.stack([8 * t, 20 * np.sin(0.3 * t), 0 * t], axis=1) + noise))
+    limits = qt.Limits(friction=0.9, yaw_rate=0.7, vehicle=qt.Vehicle(1e3))
+    tuned = qt.tune_route(fitted.path, qt.Limits(yaw_rate=0.2))
+    plain, both = route_dataset(fitted, limits), route_dataset(fitted, limits, tuned=tuned)
+    for name in ("position", "speed", "yaw_rate", "friction"):
+        expected = qt.uncertainty(fitted, plain["time"].values[0], [name], limits.vehicle).sigma[name]
+        np.testing.assert_allclose(plain[f"{name}_sigma"][0], expected, rtol=1e-12)
+        assert plain[f"{name}_sigma"].attrs["units"] == plain[name].attrs["units"]
+        np.testing.assert_array_equal(both[f"{name}_sigma"][0], plain[f"{name}_sigma"][0])
+        assert np.isnan(both[f"{name}_sigma"][1]).all()
+    speed = next(axes for axes in route_figure(plain).axes if axes.get_ylabel().startswith("speed"))
+    top = speed.collections[0].get_paths()[0].vertices[:, 1].max()
+    assert top == pytest.approx((plain["speed"] + 2 * plain["speed_sigma"]).values.max())

@@ -84,7 +84,7 @@ class Instants:
         """Return the values of a path quantity."""
         if entry.own is not None and entry.own.world:
             return entry.value(self._in_world)
-        return entry.scale(self._road) * entry.value(self._driven if entry.on_road else self._with_vehicle)
+        return entry.scale(self._road) * entry.value(self._driven if entry.gravity else self._with_vehicle)
 
     @cached_property
     def _in_world(self) -> Invariants:

@@ -55,7 +55,7 @@ def forces_along(vehicle: Vehicle | None, names: Collection[str]) -> list[str]:
 
 def require_needs(names: Collection[str], vehicle: Vehicle | None) -> None:
     """Raise a ValueError if a limit with one of these names needs something that the vehicle does not have."""
-    needing = [name for name in names if quantity(name).needs_vehicle]
+    needing = [name for name in names if quantity(name).needs]
     if vehicle is not None:
         require_vehicle(vehicle, f"the limit {needing[0]}" if needing else "the field vehicle of Limits")
     for name in needing:

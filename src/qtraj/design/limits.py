@@ -232,12 +232,7 @@ class Limits(eqx.Module):
         return any(quantity(name).uses_vehicle for name in self.given())
 
     @property
-    def parametric(self) -> bool:
-        """Whether the formulas of one of the limits that are set use the parameters of a vehicle."""
-        return any(quantity(name).parametric for name in self.given())
-
-    @property
-    def on_road(self) -> bool:
+    def on_forces(self) -> bool:
         """Whether one of the limits that are set bounds a force between the vehicle and the road."""
         return any(quantity(name).needs == VEHICLE for name in self.given())
 

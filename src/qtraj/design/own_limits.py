@@ -85,7 +85,6 @@ def require_reduced(names: Collection[str], what: str, in_world: bool = False, o
             "adds numbers with different units": entry.own.in_si,
             "contains the position": entry.own.position,
             "contains components along x or y": entry.own.world and not in_world,
-            "contains parameters of a vehicle": bool(entry.needs) and in_world,
             f"contains derivatives above the order {order}": entry.order > order,
         }
         if reason := next((text for text, holds in reasons.items() if holds), None):

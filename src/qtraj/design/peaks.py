@@ -60,7 +60,7 @@ def peak(path: AbstractHodograph, name: str | Quantity, vehicle: Vehicle | None 
             f"{known} is relative to an Ellipse, which peak does not know: use qtraj.certify, whose `worst` contains "
             "the largest value"
         )
-    used = require(vehicle, entry.needs, f"the quantity {known}") if entry.needs or entry.gravity else None
+    used = require(vehicle, entry.needs, f"the quantity {known}") if entry.uses_vehicle else None
     road = None if used is None else used.parameters()
     if path.duration.ndim or batch_of(used):
         shapes = f"batch shapes {path.duration.shape} and {batch_of(vehicle)}"

@@ -203,10 +203,11 @@ def warn_if_coarse(x: ArrayInput, name: str) -> None:
         )
 
 
-def require_inside(times: Any, duration: Any, what: str) -> None:
+def require_inside(times: Any, duration: Any, what: str, extrapolates: bool = True) -> None:
     """Raise a ValueError if concrete instants [s] are outside [0, duration] by more than rounding in float32.
 
     `times` are (n,) or (b, n), and `duration` is () or (b,). A path whose duration is not finite has no times to check.
+    `extrapolates`: whether the function that is called has an argument `extrapolate`.
     """
     last = concrete(duration)
     if last is None or isinstance(times, Tracer) or not np.isfinite(last).all():  # the result of a failed search
@@ -220,8 +221,8 @@ def require_inside(times: Any, duration: Any, what: str) -> None:
         wrong = np.broadcast_to(low, early.shape)[early] if early.any() else np.broadcast_to(high, late.shape)[late]
         raise ValueError(
             f"times must be within the {what}, which lasts from 0 to {float(last.max()):.9g} s, but "
-            f"{float(wrong[0]):.9g} s was given: pass extrapolate=True to extrapolate, or track.elapsed for the times "
-            "of a recording, which has its own clock"
+            f"{float(wrong[0]):.9g} s was given: pass {'extrapolate=True to extrapolate, or ' * extrapolates}"
+            "track.elapsed for the times of a recording, which has its own clock"
         )
 
 

@@ -60,7 +60,7 @@ class PathQuantity:
     WHEELBASE if they use the wheelbase in `Invariants.vehicle`. It is PRINCIPAL if the quantity is `factor` times the
     square root of the ratio; `factor` is a function of the vehicle's parameters, in `factor_unit`. Then `squared`,
     `value` and `exceeds` refer to the quantity divided by its factor. `gravity` indicates formulas that contain
-    gravity, which is standard gravity without a vehicle.
+    gravity, as all forces between vehicle and road do; it is standard gravity without a vehicle.
 
     If `tangent_of` is a number k other than 0, the quantity is an angle, and the ratio is tan(angle/k), or its square.
     Proofs and searches use the ratio and the tangents of limits; `squared` and `value` are those of the angle.
@@ -136,24 +136,9 @@ class PathQuantity:
         return units.per_time(self.unit) - units.per_time(self.factor_unit)
 
     @property
-    def needs_vehicle(self) -> bool:
-        """Whether the quantity depends on a vehicle."""
-        return bool(self.needs)
-
-    @property
     def uses_vehicle(self) -> bool:
-        """Whether the value depends on a vehicle if there is one."""
+        """Whether the value depends on a vehicle if there is one; a quantity that `needs` one is undefined without."""
         return bool(self.needs) or self.gravity
-
-    @property
-    def on_road(self) -> bool:
-        """Whether the formulas contain gravity or the forces between a vehicle and the road."""
-        return self.needs == VEHICLE or self.gravity
-
-    @property
-    def parametric(self) -> bool:
-        """Whether the formulas use the parameters of a vehicle, or standard gravity without one."""
-        return self.on_road or self.needs in (WHEELBASE, PARAMETERS)
 
     @property
     def of_shape(self) -> bool:

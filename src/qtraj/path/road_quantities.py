@@ -40,6 +40,7 @@ ROAD_QUANTITIES = (
         divisor="speed",
         upright=True,
         needs=VEHICLE,
+        gravity=True,
         output="longitudinal_force_magnitude",
         component=Component(
             "net force of the road on the tyres along the path, against inertia, gravity and drag; negative while "
@@ -61,6 +62,7 @@ ROAD_QUANTITIES = (
         upright=True,
         bounds_speed=True,
         needs=VEHICLE,
+        gravity=True,
         output="lateral_force_magnitude",
         component=Component(
             "lateral force in the plane of the road; positive to the left",
@@ -81,6 +83,7 @@ ROAD_QUANTITIES = (
         upright=True,
         signed=_normal_load,
         needs=VEHICLE,
+        gravity=True,
     ),
     PathQuantity(
         "friction",
@@ -96,6 +99,7 @@ ROAD_QUANTITIES = (
         upright=True,
         bounds_speed=True,
         needs=VEHICLE,
+        gravity=True,
     ),
     PathQuantity(
         "power",
@@ -109,6 +113,7 @@ ROAD_QUANTITIES = (
         upright=True,
         signed=_power,
         needs=VEHICLE,
+        gravity=True,
     ),
 )
 """The quantities that need a vehicle on a road, in the order in which they are displayed."""

@@ -75,7 +75,7 @@ def _invariants_of(
 ) -> Invariants:
     """Return the invariants from which a quantity is computed."""
     order = max(entry.order, 1)
-    if entry.on_road:
+    if entry.gravity:
         return invariants_at(path, t, order, NO_VEHICLE if vehicle is None else vehicle)
     if _in_world(entry):
         return Invariants(_derivatives(path, t, order, world=True)[0], None, vehicle)
@@ -98,7 +98,7 @@ def values(
 @in_numpy_or_jit
 def _values(path: AbstractHodograph, t: Any, names: tuple[str, ...], vehicle: Any) -> list[Scalar]:
     entries = [quantity(name) for name in names]
-    on_road = any(entry.on_road for entry in entries)
+    on_road = any(entry.gravity for entry in entries)
     order = max(STANDSTILL_ORDER if on_road else 1, *(entry.order for entry in entries), 1)
     rows, up, span = _derivatives(path, t, order)
     free = Invariants(rows, up, vehicle)
@@ -106,7 +106,7 @@ def _values(path: AbstractHodograph, t: Any, names: tuple[str, ...], vehicle: An
     world = free
     if any(map(_in_world, entries)):
         world = Invariants(_derivatives(path, t, order, world=True)[0], None, vehicle)
-    of = lambda x: driven if x.on_road else world if _in_world(x) else free  # noqa: E731
+    of = lambda x: driven if x.gravity else world if _in_world(x) else free  # noqa: E731
     found = [entry.scale(vehicle) * entry.value(of(entry)) for entry in entries]
     return [xp.asarray(x, path.duration.dtype) for x in found]
 

@@ -50,7 +50,7 @@ def limits_of_line(limits: Mapping[str, Any]) -> Limits:
 
     **Raises:** ValueError for a limit that needs a vehicle.
     """
-    if needs := [name for name in limits if quantity(name).needs_vehicle]:
+    if needs := [name for name in limits if quantity(name).needs]:
         raise ValueError(
             f"a limit on {needs[0]} needs a vehicle, which a file of points does not have: limit lateral_acceleration "
             "and longitudinal_acceleration instead, or call qtraj.retime in Python with Limits(..., vehicle=...)"

@@ -11,7 +11,7 @@ from qtraj.design.tuning.initial import initial_path
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.foundation.naming import naming
 from qtraj.foundation.progress import Report
-from qtraj.io.saved import saved_path
+from qtraj.io.saved import saved_hodograph, saved_path
 from qtraj.io.track.reading import Recording
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.change import sampled
@@ -68,7 +68,7 @@ class LimitedScenario(NamedPart):
     def _faults(self) -> Iterator[str]:
         limits, vehicle = self.limits.limits(), self.vehicle and self.vehicle.without_file()
         for name in limits:
-            if quantity(name).needs_vehicle:
+            if quantity(name).needs:
                 require_vehicle(vehicle, quantity(name).needs, f"limits.{name}")
         if (columns := self.limits.columns()) and getattr(self, "track", None) is None:
             yield f"limits.{next(iter(columns))} is a column of a recording: specify [track], or another form of limit"
@@ -152,6 +152,7 @@ class PathTask:
     turn: float | None = None
     recording: Recording | None = None
     fitted: Fitted | None = None
+    nearest_to: AbstractHodograph | None = None
 
     @property
     def track(self) -> Track | None:
@@ -160,7 +161,7 @@ class PathTask:
 
     def tuning(self) -> dict[str, Any]:
         """Return the arguments of `qtraj.tune`."""
-        names = ("start", "end", "limits", "objective", "motion", "duration", "turns", "turn", "starts")
+        names = ("start", "end", "limits", "objective", "motion", "duration", "turns", "turn", "starts", "nearest_to")
         arguments = {name: getattr(self, name) for name in names}
         return arguments | {"placement": self.path.placement} | self.part.arguments()
 
@@ -192,6 +193,8 @@ def lay(
         "part": scenario.tune,
     }
     with naming(f"{loaded.file}: "):
+        if scenario.tune.nearest_to is not None:
+            chosen["nearest_to"] = saved_hodograph(loaded.beside(scenario.tune.nearest_to))
         chosen["limits"] = scenario.all_limits(loaded.beside)
         if scenario.track is not None:
             recording = scenario.track.read(loaded.beside, scenario.limits.columns())

@@ -196,6 +196,11 @@ class TunePart(Part):
         "d² = Δρ² + ρ₁ρ₂Δφ² + Δh² with the differences Δ of radius ρ, azimuth φ and height h, and both radii ρ₁, ρ₂",
         None,
     )
+    nearest_to: keys.Text | None = key(
+        "a saved path that replaces the original path in the objective 'nearest'",
+        None,
+        values="the name of a saved path, relative to the scenario",
+    )
     starts: keys.Counts = key(
         "number of starting points of the search: the specified states, and perturbations of these states", 8
     )

@@ -84,6 +84,11 @@ class RouteTunePart(Part):
         "or the duration ('fastest')",
         "nearest",
     )
+    nearest_to: keys.Text | None = key(
+        "a saved path that replaces the fitted route in the objective 'nearest'",
+        None,
+        values="the name of a saved path, relative to the scenario",
+    )
     max_steps: keys.Counts = key("maximum total number of steps of all searches", 300)
 
 
@@ -154,13 +159,17 @@ def fit_recording(loaded: ScenarioFile[RouteScenario]) -> RouteTask:
         if window is not None:
             recording = recording._replace(track=recording.track.window(*window))
         limits = scenario.all_limits(loaded.beside, recording, fitted.path)
-        tuning = scenario.tune and partial(_tuned, fitted.path, limits, scenario.tune)
+        near = scenario.tune and scenario.tune.nearest_to
+        target = None if near is None else saved_hodograph(loaded.beside(near))
+        tuning = scenario.tune and partial(_tuned, fitted.path, limits, scenario.tune, target)
         return RouteTask(fitted.path, limits, recording, fitted, tuning)
 
 
-def _tuned(path: Route, limits: Limits, part: RouteTunePart, progress: Report) -> TunedRoute:
+def _tuned(
+    path: Route, limits: Limits, part: RouteTunePart, target: AbstractHodograph | None, progress: Report
+) -> TunedRoute:
     """Return the tuned route; `tune_route` does not report its progress."""
-    return tune_route(path, limits, part.tube, part.objective, max_steps=part.max_steps)
+    return tune_route(path, limits, part.tube, part.objective, nearest_to=target, max_steps=part.max_steps)
 
 
 def read_retiming(
@@ -204,7 +213,7 @@ def retiming(loaded: ScenarioFile[Any], limits: Mapping[str, Any]) -> RouteTask:
 
 
 def _without_vehicle(limits: Mapping[str, Any], name: str) -> Limits:
-    if needs := [limit for limit in limits if quantity(limit).needs_vehicle]:
+    if needs := [limit for limit in limits if quantity(limit).needs]:
         raise ValueError(
             f"a limit on {needs[0]} needs a vehicle, which a saved path does not have: write a scenario with path = "
             f"'{name}', [vehicle] and [limits]"

@@ -1,6 +1,8 @@
 """Plot a route as a map coloured by curvature, and its height, speed and limited quantities against the distance.
 
-After a tuning, the route before is drawn too, and a panel shows the lateral distance between both.
+After a tuning, the route before is drawn too, and a panel shows the lateral distance between both. Bands are two
+standard deviations of the fitted route on both sides. A road that changes along the way has panels for its bank and its
+coefficients of friction.
 """
 
 from typing import Any
@@ -18,7 +20,9 @@ from qtraj.viz.extent import beside
 from qtraj.viz.map_colours import map_colours
 from qtraj.viz.report.along import match
 from qtraj.viz.report.ranges import spike
+from qtraj.viz.road_panels import draw_road, road_panels
 from qtraj.viz.style import BAND, BOUND, COLOURS, MARK, RC, RECORD, STYLES, WIDTH, above, head, title
+from qtraj.viz.uncertainty_figure import PALE, WIDE
 
 PANEL, MAP = 1.05, 4.6  # heights [inch]
 LEFT = 0.105
@@ -39,7 +43,8 @@ def route_figure(dataset: Any) -> Figure:
     path = dataset.isel(path=-1)
     limited = limited_variables(path)
     before = _before(dataset)
-    panels = ["height", *dict.fromkeys(["speed", *limited]), *([] if before is None else [LATERAL])]
+    road = road_panels(dataset)
+    panels = ["height", *dict.fromkeys(["speed", *limited]), *road, *([] if before is None else [LATERAL])]
     with mpl.rc_context(RC):
         band = BAND if title(dataset) else 0.0
         height = MAP + PANEL * len(panels) + 0.5 + band
@@ -57,6 +62,9 @@ def route_figure(dataset: Any) -> Figure:
             drawn.append(figure.add_subplot(grid[row], sharex=drawn[0] if drawn else None))
             if name == LATERAL and before is not None:
                 _draw_lateral(drawn[-1], path, before, way / scale)
+            elif name in road:
+                draw_road(drawn[-1], dataset, way, way / scale, name)
+                _finish(drawn[-1], road[name])
             else:
                 _draw_panel(drawn[-1], path, way / scale, name, None if before is None else (before, scale))
             drawn[-1].tick_params(labelbottom=row == len(panels) - 1)
@@ -131,7 +139,9 @@ def _draw_panel(
         earlier, scale = before
         style = {"color": COLOURS["before"], "ls": STYLES["before"], "lw": 0.9}
         axes.plot(distance(earlier) / scale, _values(earlier, name), label="before", **style)
+        _draw_band(axes, earlier, distance(earlier) / scale, name, COLOURS["before"])
     axes.plot(way, values, color=COLOURS["after"], lw=1.0, label="after")
+    _draw_band(axes, path, way, name, COLOURS["after"])
     limits = [] if name == "height" else limits_of(path[name])
     for limit in limits:
         axes.axhline(limit, **BOUND, label=f"limit {limit:.4g}")
@@ -147,6 +157,16 @@ def _draw_panel(
         axes.set_ylim(max(-top, min(0.0, float(np.min(values)))), top)
     unit = "m" if name == "height" else symbol(path[name].attrs["units"])
     _finish(axes, f"{name.replace('_magnitude', '').replace('_', ' ')}\n[{unit or '-'}]")
+
+
+def _draw_band(axes: Any, path: xarray.Dataset, way: np.ndarray, name: str, colour: str) -> None:
+    """Draw two standard deviations on both sides of a quantity, where they are known."""
+    own = f"{'position' if name == 'height' else name}_sigma"
+    if own not in path or not np.isfinite(path[own].values).any():
+        return
+    width = WIDE * (path[own].values[:, 2] if name == "height" else path[own].values)
+    values = _values(path, name)
+    axes.fill_between(way, values - width, values + width, color=colour, alpha=PALE, lw=0)
 
 
 def _draw_lateral(axes: Any, path: xarray.Dataset, before: xarray.Dataset, way: np.ndarray) -> None:

@@ -39,7 +39,7 @@ def at_rest(
 
 def _values(entry: PathQuantity, segments: Segments, road: RoadParameters | None, rows: np.ndarray) -> np.ndarray:
     zero: Any = np.zeros(())
-    if road is not None and entry.on_road:
+    if road is not None and entry.gravity:
         one: Any = np.ones(())
         own_road = RoadParameters(*(np.broadcast_to(np.asarray(x), len(segments.durations))[rows] for x in road))
         forces = driven_invariants([(zero, zero, zero)] * (ORDER + 1), None, own_road, zero, one, one)

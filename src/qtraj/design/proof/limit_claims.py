@@ -139,7 +139,7 @@ class Formulas:
 
     def within(self, entry: PathQuantity, bound: Bound) -> AnyClaim:
         """Return the claim that a quantity satisfies its limit."""
-        i: Any = self.road if entry.on_road else self.invariants
+        i: Any = self.road if entry.gravity else self.invariants
         if bound.constant is not None:
             along, across, square = map(self._in_fraction, (i.B, i.N, i.S))
             speed = square if is_one(i.pace) else self._in_fraction(i.pace * i.pace * i.S)

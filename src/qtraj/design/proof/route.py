@@ -37,7 +37,7 @@ def certify_route(route: Route, limits: Limits) -> RouteCertificate:
             "certify accepts one route with concrete values: call it outside jit, grad and vmap, once for each route"
         )
     limits.require_batch((), "the route")
-    if limits.on_road:
+    if limits.on_forces:
         require_one_direction(route, limits.vehicle)
     limits = limits.on(route)
     segments, given = segments_of(route), limits.given()
@@ -46,7 +46,7 @@ def certify_route(route: Route, limits: Limits) -> RouteCertificate:
         no_limits, no_findings = np.zeros(0), np.zeros((count, 0))
         whole = Certificate((), *[no_limits] * 4)
         return RouteCertificate(whole, Certificate((), *[no_findings] * 4), starts)
-    road, on_road = fixed_parameters(limits.vehicle, float) if limits.parametric else None, limits.along_road
+    road, on_road = fixed_parameters(limits.vehicle, float) if limits.uses_vehicle else None, limits.along_road
     factors = dict(zip(names, (float(np.asarray(x)) for x in limits.factors(float)), strict=True))
     numbers = {name: float(np.asarray(x)) for name, x in limits.constant().items()}
     constant = {name: x for name, x in numbers.items() if name not in on_road}

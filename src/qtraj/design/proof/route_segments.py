@@ -33,7 +33,7 @@ COMPONENTS = (
     "lateral_acceleration",
     "longitudinal_acceleration",
     COMBINED,
-    *(name for name, entry in QUANTITIES.items() if entry.on_road),
+    *(name for name, entry in QUANTITIES.items() if entry.gravity),
 )
 """Components of the acceleration along and across the velocity, and quantities that depend on road or gravity."""
 

@@ -52,7 +52,7 @@ Friction and power have no such exponent, because gravity does not depend on a. 
 POWERS[COMBINED] = 1.0
 
 STANDING = 1e-8
-"""|r'| below this fraction of its maximum is treated as zero."""
+"""|r'| below this fraction of its maximum is treated as zero, and so is |r''| there."""
 
 
 def listed(bounds: Collection[str], vehicle: bool) -> tuple[str, ...]:
@@ -187,8 +187,9 @@ def parts(
         return found
     direction = xp.stack(ahead) * inv_ahead[None]
     on_road = road.coefficients(direction, r2, i.v, half, vehicle, bounds)
-    # Where r' vanishes, r'' may be opposite to the direction of motion, so omit friction and power there.
-    return found._replace(road=road.without(on_road, ~moving))
+    # Where r' and r'' vanish, the direction of motion is unknown, so omit friction and power there.
+    size = dot(r2, r2)
+    return found._replace(road=road.without(on_road, ~moving & (size <= STANDING**2 * xp.max(size))))
 
 
 def _stacked(rows: list[Any], shape: tuple[int, ...], like: Float[Any, "*nodes"]) -> Any:

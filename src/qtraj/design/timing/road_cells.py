@@ -56,25 +56,29 @@ def _straddling(
     start = before._replace(
         inv_long=np.maximum(before.inv_long, after.inv_long), inv_lat=np.maximum(before.inv_lat, after.inv_lat)
     )
-    inside = np.arange(on.starts.size)
-    inside = (inside[None] > first[:, None]) & (inside[None] <= last[:, None])
     if on.road.friction is not None:
         for name, values in zip(("inv_long", "inv_lat"), np.array(on.road.friction).T, strict=True):
-            most = np.max(np.where(inside, 1 / values[: on.starts.size], 0.0), axis=1)
+            most = _inside(np.maximum, 1 / values[: on.starts.size], first, last, 0.0)
             start = start._replace(**{name: np.maximum(getattr(start, name), most) * (1 + ROUNDING)})
     if on.road.kind == "step" and (last <= first + 1).all():
         return [start, start._replace(cos=after.cos, sin=after.sin)] * 2
     banks = np.zeros(on.starts.size) if on.road.bank is None else np.array(on.road.bank)[: on.starts.size]
     ends = [np.arctan(x.sin / x.cos) for x in (before, after)]
-    lowest = np.minimum(np.minimum(*ends), np.min(np.where(inside, banks, np.inf), axis=1))
-    highest = np.maximum(np.maximum(*ends), np.max(np.where(inside, banks, -np.inf), axis=1))
+    lowest = np.minimum(np.minimum(*ends), _inside(np.minimum, banks, first, last, np.inf))
+    highest = np.maximum(np.maximum(*ends), _inside(np.maximum, banks, first, last, -np.inf))
     middle, error = 0.5 * (lowest + highest), 0.5 * (highest - lowest) + ROUNDING
-    side = _sides(on, first)
-    turned = np.any(inside & (_sides(on, np.arange(on.starts.size))[None] != side[:, None]), axis=1)
+    side, sides = _sides(on, first), _sides(on, np.arange(on.starts.size))
+    turned = np.any([_inside(x, sides, first, last, np.nan) == -side for x in (np.minimum, np.maximum)], axis=0)
     error = np.where(turned, 2.0, error)  # never proved
     return [
         start._replace(cos=side * np.cos(middle) + x * error, sin=side * np.sin(middle) + y * error) for x, y in CORNERS
     ]
+
+
+def _inside(extreme: np.ufunc, values: np.ndarray, first: np.ndarray, last: np.ndarray, absent: float) -> np.ndarray:
+    """Return the extreme value of the sections after the `first` up to the `last` one, `absent` without any."""
+    found = extreme.reduceat(np.append(values, absent), np.stack([first + 1, last + 1], axis=1).ravel())[::2]
+    return np.where(last > first, found, absent)
 
 
 def _sections(on: RoadOnPath, s: np.ndarray) -> Int[np.ndarray, " n"]:

@@ -22,6 +22,9 @@ HALVINGS = 6
 LITTLE_WORK = MAX_WORK // 64
 """The largest work for a claim in integers, if smaller cells make it easier."""
 
+TIGHTER = 2.0**-50
+"""Fraction of a linear limit that exceeds the rounding errors of its values inside a cell."""
+
 Codes = Int[np.ndarray, "limits cells"]
 Ends = tuple[Float[np.ndarray, " cells"], Float[np.ndarray, " cells"]]
 """The parameters of the path at the starts and at the ends of cells."""
@@ -96,7 +99,7 @@ def proved_on_road(
             at_rest[0] = rest[0] & (cell == 0) & (start == 0)
             at_rest[1] = rest[1] & (cell == grid.cells - 1) & (end == 1)
             low, high = (ends[0][cell] + x * (ends[1] - ends[0])[cell] for x in (start, end))
-            own = {name: _strictest(bounds[name], cell)}
+            own = {name: _in_parts(bounds[name], cell, start, end)}
             parts, place = part_of_grid(grid, cell, start, end), np.stack([start, end])
             found = prove_on_road(path, parts, (powers[cell], at_rest), own, on, (low, high), place)[0][row]
             left = found != PROVED
@@ -113,8 +116,10 @@ def part_of_grid(grid: Grid, cell: np.ndarray, start: np.ndarray, end: np.ndarra
     return Grid(np.arange(half.size + 1.0), grid.segment[cell], middle, half)
 
 
-def _strictest(bound: Any, cell: np.ndarray) -> Any:
-    """Return a limit on friction or power in parts of cells; a linear one is the smallest of its cell."""
+def _in_parts(bound: Any, cell: np.ndarray, start: np.ndarray, end: np.ndarray) -> Any:
+    """Return a limit on friction or power in parts of cells; a linear one is nowhere less strict than in its cell."""
     if np.ndim(bound) != 2:
         return bound
-    return np.repeat(np.min(np.asarray(bound)[cell], axis=1, keepdims=True), 2, axis=1)
+    first, last = np.asarray(bound)[cell].T
+    rounding = TIGHTER * np.maximum(np.abs(first), np.abs(last))
+    return np.stack([first + x * (last - first) - rounding for x in (start, end)], axis=1)

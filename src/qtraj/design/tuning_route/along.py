@@ -47,20 +47,27 @@ def local_squares(route: Route, limits: Limits, curves: Curves, closed: bool) ->
     at_nodes = on.at(u.ravel()).reshape(u.shape)[curves.first]
     found = []
     for (name, bound), usual in zip(limits.given().items(), typical(limits), strict=True):
-        side, sign = quantity(name).side, _strictness(name)
+        side, sign, usual = quantity(name).side, _strictness(name), _tangent(name, usual)
         if not isinstance(bound, Along):
             found.append(np.full(at_nodes.T.shape, usual**2))
             continue
-        strictest = np.asarray(bound.strictest(s[:-1] - on.uncertainty, s[1:] + on.uncertainty, side))
+        strictest = _tangent(name, bound.strictest(s[:-1] - on.uncertainty, s[1:] + on.uncertainty, side))
         absent = abs(usual) / ABSENT if sign > 0 else ABSENT * abs(usual)
         own = largest_of(curves, sign * np.where(np.isinf(strictest), absent, strictest)[None] ** 2)[0]
         rows = np.repeat(own[None], len(basis.FINE_NODES), axis=0)
         rows[0] = np.maximum(own, np.roll(own, 1) if closed else np.append(own[:1], own[:-1]))
         if bound.kind == "linear":
-            exact = sign * np.asarray(bound.at(at_nodes.ravel())).reshape(at_nodes.shape).T ** 2
+            exact = sign * _tangent(name, bound.at(at_nodes.ravel())).reshape(at_nodes.shape).T ** 2
             rows = np.where(curves.composed, rows, exact)
         found.append(np.abs(rows))
     return np.stack(found)
+
+
+def _tangent(name: str, bounds: Any) -> Any:
+    """Return the limits on the ratio of a quantity (see `PathQuantity.tangent`); infinite ones mean no limit."""
+    known = np.asarray(bounds, float)
+    finite = np.isfinite(known)
+    return np.where(finite, np.asarray(quantity(name).tangent(np.where(finite, known, 0.0))), known)
 
 
 def stricter(problem: RouteProblem, local: Float[np.ndarray, "limits fine n"]) -> Float[np.ndarray, "limits fine n"]:

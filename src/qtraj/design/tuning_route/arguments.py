@@ -12,8 +12,7 @@ from qtraj.design.limits import Limits, require_limits
 from qtraj.design.own_limits import require_reduced
 from qtraj.design.proof.certificate import require_float64
 from qtraj.foundation.argument import described
-from qtraj.foundation.arrays import concrete
-from qtraj.path.path_quantity import WHEELBASE
+from qtraj.foundation.arrays import concrete, is_traced
 from qtraj.path.quantity import bound_speed, quantity
 from qtraj.path.route import Route
 
@@ -63,19 +62,6 @@ def require_suitable(names: tuple[str, ...], objective: str) -> None:
             f"tune_route does not support limits on {', '.join(wrong)}, because the natural trihedral does not exist "
             "on the straight parts of a route. Limit curvature, yaw_rate or yaw_acceleration instead."
         )
-    forces = dict.fromkeys(x.base or x.name for x in map(quantity, names) if x.on_road)
-    if forces:
-        raise ValueError(
-            f"tune_route does not support limits on {', '.join(forces)}. Limit lateral_acceleration and "
-            "longitudinal_acceleration instead, and check the vehicle's limits with certify."
-        )
-    steering = dict.fromkeys(x.base or x.name for x in map(quantity, names) if x.needs == WHEELBASE)
-    if steering:
-        raise ValueError(
-            f"tune_route does not support limits on {', '.join(steering)}. With the wheelbase L, limit "
-            "horizontal_curvature to tan(angle)/L and curvature_rate to rate/L instead, and check the vehicle's limits "
-            "with certify."
-        )
     if objective not in OBJECTIVES:
         raise ValueError(f"the objective must be one of {', '.join(OBJECTIVES)}, but {objective!r} was given")
     if objective == "fastest" and not bound_speed(names):
@@ -84,6 +70,17 @@ def require_suitable(names: tuple[str, ...], objective: str) -> None:
             "or yaw_rate. On straight parts, lateral_acceleration and yaw_rate do not bound the speed: if the route "
             "has straight parts, limit speed, too."
         )
+
+
+def require_differentiable(limits: Limits, nearest_to: Any) -> None:
+    """Raise a ValueError for limits or a path with which a tuned route has no derivatives."""
+    if nearest_to is not None:
+        raise ValueError("tune_route has no derivatives with nearest_to: omit one of the two")
+    limits.require_constant("tune_route inside grad or jvp", "omit the derivatives")
+    if limits.along_road:
+        raise ValueError("tune_route has no derivatives on a road that changes along the way: omit them")
+    if is_traced(limits.vehicle):
+        raise ValueError("tune_route has no derivatives with respect to the vehicle: pass one with concrete values")
 
 
 def half_widths(tube: Any, joints: int, closed: bool) -> np.ndarray:

@@ -12,8 +12,8 @@ from jaxtyping import Float
 
 from qtraj.design.tuning_route import basis, circuit
 from qtraj.design.tuning_route.chain import Border, Chain
-from qtraj.design.tuning_route.constraints import Expansion, time_powers
-from qtraj.design.tuning_route.problem import BLOCK, RouteProblem, Segments, bent, powers, squared_jerk
+from qtraj.design.tuning_route.constraints import Curvature, Expansion
+from qtraj.design.tuning_route.problem import BLOCK, RouteProblem, Segments, bent, off_target, powers, squared_jerk
 
 _POWERS = np.array(basis.POWERS, float)[:, None, None]
 
@@ -42,7 +42,7 @@ class LocalSecond(NamedTuple):
 
 def objective_first(problem: RouteProblem, s: Segments) -> Local:
     """Compute first derivatives of the objective."""
-    near = 2 * np.einsum("lmn,mcn->lcn", problem.near, s.change)
+    near = 2 * np.einsum("lmn,mcn->lcn", problem.near, off_target(problem, s))
     pace = 2 * problem.pace * (s.h / problem.durations - 1.0) / problem.durations
     rough = -5 * problem.jerk * s.h**-6 * squared_jerk(s)
     return Local(near + 2 * problem.jerk * s.h**-5 * bent(s), pace + rough + problem.time)
@@ -71,15 +71,14 @@ def constraints_first(
     tube = 2 * at.away * (weights[-2:] / problem.tube)[[0, 0, 1]]
     table = basis.table(0, dense=problem.dense)[0]
     ends = _pulled(at.slopes, weights[:-2], problem.dense) + _combined(table, tube)
-    rate = _growth(problem, s)[:, None] * at.values[:-2]
-    return Local(ends, np.sum(weights[:-2] * rate, axis=(0, 1)) - low / problem.shortest + high / problem.longest)
+    h = np.sum(weights[:-2] * at.rates, axis=(0, 1))
+    return Local(ends, h - low / problem.shortest + high / problem.longest)
 
 
 def constraints_second(
     problem: RouteProblem,
-    s: Segments,
     at: Expansion,
-    curvature: Float[np.ndarray, "q q nodes n"],
+    curvature: Curvature,
     weights: Float[np.ndarray, "constraints nodes n"],
     stiffness: Float[np.ndarray, "constraints nodes n"],
     of_bounds: Float[np.ndarray, "2 n"],
@@ -88,29 +87,26 @@ def constraints_second(
 
     `curvature` is the second result of `expand`, and `of_bounds` the stiffness of the bounds on the durations.
     """
-    order, growth, value = len(curvature) // 3, _growth(problem, s)[:, None], at.values[:-2]
-    nodes, n = at.away.shape[1:]
-    inner = curvature.reshape(order, 3, order, 3, nodes, n).transpose(0, 2, 4, 1, 3, 5).reshape(-1, 9 * n)
+    order, (nodes, n) = len(curvature.path) // 3, at.away.shape[1:]
+    inner = curvature.path.reshape(order, 3, order, 3, nodes, n).transpose(0, 2, 4, 1, 3, 5).reshape(-1, 9 * n)
     ends = basis.products(order, problem.dense) @ inner
     ends += basis.squares(problem.dense) @ _tube_second(problem, at.away, weights[-2:], stiffness[-2:]).reshape(
         -1, 9 * n
     )
-    both = weights[:-2] + stiffness[:-2] * value
     low, high = of_bounds
-    h = growth * (growth - 1 / s.h) * weights[:-2] * value + stiffness[:-2] * (growth * value) ** 2
-    h = np.sum(h, axis=(0, 1)) + low / problem.shortest**2 + high / problem.longest**2
-    return LocalSecond(ends.reshape(6, 6, 3, 3, n), _pulled(at.slopes, growth * both, problem.dense), h)
+    h = np.sum(curvature.h, axis=0) + low / problem.shortest**2 + high / problem.longest**2
+    return LocalSecond(ends.reshape(6, 6, 3, 3, n), _of_ends(curvature.mixed, problem.dense), h)
 
 
 def pushed(
-    problem: RouteProblem, s: Segments, at: Expansion, change: Segments
+    problem: RouteProblem, at: Expansion, change: Segments
 ) -> tuple[Float[np.ndarray, "constraints nodes n"], Float[np.ndarray, "2 n"]]:
     """Return the changes of the constraints at the nodes and of the bounds, for the change of the segments."""
     limits, q, nodes, n = at.slopes.shape
     table = basis.table(q // 3, dense=problem.dense)
     r = (table[1:].reshape(-1, 6) @ change.ends.reshape(6, -1)).reshape(q // 3, nodes, 3, n)
     found = np.einsum("pkcan,kacn->pan", at.slopes.reshape(limits, q // 3, 3, nodes, n), r)
-    found += _growth(problem, s)[:, None] * change.h * at.values[:-2]
+    found += change.h * at.rates
     shift = np.moveaxis((table[0] @ change.ends.reshape(6, -1)).reshape(nodes, 3, n), 1, 0)
     away = 2 * at.away * shift
     tube = np.stack([away[0] + away[1], away[2]]) / problem.tube
@@ -123,17 +119,17 @@ def changed_ends(s: Segments, states: Float[np.ndarray, "6 3 n"], dh: Float[np.n
     return Segments(dh, ends, ends)
 
 
-def _growth(problem: RouteProblem, s: Segments) -> Float[np.ndarray, "limits n"]:
-    """Return the derivative of each constraint with respect to the duration, divided by its value."""
-    return -time_powers(problem.names)[:, None] / s.h
-
-
 def _pulled(
     slopes: Float[np.ndarray, "limits q nodes n"], weights: Float[np.ndarray, "limits nodes n"], dense: bool
 ) -> Float[np.ndarray, "6 3 n"]:
     """Return the derivatives of a weighted sum of the limits with respect to the scaled end states."""
-    _, q, nodes, n = slopes.shape
-    at = np.einsum("pqan,pan->qan", slopes, weights).reshape(q // 3, 3, nodes, n)
+    return _of_ends(np.einsum("pqan,pan->qan", slopes, weights), dense)
+
+
+def _of_ends(at: Float[np.ndarray, "q nodes n"], dense: bool) -> Float[np.ndarray, "6 3 n"]:
+    """Return derivatives with respect to the scaled end states, from those with respect to derivatives at the nodes."""
+    q, nodes, n = at.shape
+    at = at.reshape(q // 3, 3, nodes, n)
     return _combined(basis.table(q // 3, dense=dense)[1:].reshape(-1, 6), at.swapaxes(0, 1).reshape(3, -1, n))
 
 

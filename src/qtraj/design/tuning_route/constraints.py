@@ -7,7 +7,7 @@ path at equal fractions of a segment.
 
 The limits are formulas of r', r'' and r''', the derivatives of the path with respect to u = t/h. The square of a
 quantity is proportional to h⁻²ᵖ, where p is the power of 1/s in its unit, which gives its derivatives with respect to
-the duration h.
+the duration h. In the unit of time h, gravity is g h², so formulas that contain it depend on h in addition.
 """
 
 from typing import Any, NamedTuple
@@ -22,6 +22,7 @@ from qtraj.foundation.namespace import matmul, xp
 from qtraj.path.frenet import Invariants
 from qtraj.path.path_quantity import PathQuantity
 from qtraj.path.quantity import quantity
+from qtraj.path.vehicle import RoadParameters
 
 
 def order_of(names: tuple[str, ...]) -> int:
@@ -36,7 +37,19 @@ def time_powers(names: tuple[str, ...]) -> Float[np.ndarray, " limits"]:
 
 def _power(name: str) -> float:
     """Return the exponent of value/limit in a constraint."""
-    return 1.0 if quantity(name).bounds_side else -2.0 if quantity(name).lower else 2.0
+    return 1.0 if _is_signed(quantity(name)) else -2.0 if quantity(name).lower else 2.0
+
+
+def _is_signed(entry: PathQuantity) -> bool:
+    """Return whether the ratio of the entry is a signed value, not a square."""
+    return entry.signed is not None
+
+
+def tangents(names: tuple[str, ...], bounds: Float[Any, " limits"]) -> Float[Any, " limits"]:
+    """Return the limits on the ratios of the quantities: tangents for angles."""
+    if not any(quantity(name).tangent_of for name in names):
+        return bounds
+    return xp.stack([quantity(name).tangent(bounds[k]) for k, name in enumerate(names)])
 
 
 def relative(
@@ -48,8 +61,10 @@ def relative(
     """
     found = np.empty(values.shape)
     for k, name in enumerate(names):
-        side = quantity(name).side if quantity(name).bounds_side else 1
-        found[k] = np.maximum(side * values[k] / bounds[k], 0.0) ** (0.5 * _power(name))
+        entry = quantity(name)
+        side = entry.side if entry.bounds_side else 1
+        ratio = np.asarray(entry.tangent(values[k])) / np.asarray(entry.tangent(bounds[k]))
+        found[k] = np.maximum(side * ratio, 0.0) ** (0.5 * _power(name))
     return found
 
 
@@ -63,20 +78,33 @@ def units(problem: RouteProblem, h: Float[Any, " n"], nodes: int) -> Float[Any, 
     return times[:, None] * squares ** (-0.5 * powers)[:, None, None]
 
 
-def ratios(names: tuple[str, ...], r: Any) -> list[Any]:
+def ratios(names: tuple[str, ...], r: Any, road: Any = None, h: Any = None) -> list[Any]:
     """Return the square in the constraint of each limit for the derivatives r', r'', … in the array or list `r`.
 
-    The components of each derivative follow each other. They are arrays or jets.
+    The components of each derivative follow each other. They are arrays or jets. `road` contains the parameters of the
+    vehicle and its road, one after the other, if a limit depends on them, and `h` is the duration.
     """
-    i = Invariants([None, *((r[k], r[k + 1], r[k + 2]) for k in range(0, len(r), 3))], root=sqrt)
+    vehicle = None
+    if road is not None:
+        vehicle = RoadParameters(*road)
+        vehicle = vehicle._replace(gravity=h * h * vehicle.gravity)
+    rows = [None, *((r[k], r[k + 1], r[k + 2]) for k in range(0, len(r), 3))]
+    i = Invariants(rows, None, vehicle, root=sqrt)
     return [_ratio(quantity(name), i) for name in names]
 
 
 def _ratio(entry: PathQuantity, i: Invariants) -> Any:
     above, below = entry.numerator(i), 1.0 if entry.denominator is None else entry.denominator(i)
-    if entry.bounds_side:
+    if _is_signed(entry):
         return entry.side * above / below
     return below / above if entry.lower else above / below
+
+
+def road_at(problem: RouteProblem, nodes: int) -> Any:
+    """Return the parameters of the vehicle and its road at the nodes, or None if no limit depends on them."""
+    if problem.road is None or nodes == problem.road.shape[1]:
+        return problem.road
+    return problem.road[:, :: basis.FINER]
 
 
 def derivatives(
@@ -128,7 +156,8 @@ def _values(problem: RouteProblem, s: Segments, fine: bool) -> Float[Any, "const
     r = derivatives(s.ends, order_of(problem.names), fine, problem.dense)
     if problem.dense:
         r = in_time(r, problem.fine_rates if fine else problem.rates)
-    return xp.concatenate([xp.stack(ratios(problem.names, r)) * units(problem, s.h, r.shape[1]), inside])
+    found = xp.stack(ratios(problem.names, r, road_at(problem, r.shape[1]), s.h[None]))
+    return xp.concatenate([found * units(problem, s.h, r.shape[1]), inside])
 
 
 def bounds(problem: RouteProblem, s: Segments) -> Float[Any, "2 n"]:
@@ -140,12 +169,13 @@ class Expansion(NamedTuple):
     """The constraints at the nodes with their gradients.
 
     `slopes` (limits, q, nodes, n) are the derivatives of the limits with respect to the derivatives of the path with
-    respect to u. `away` (3, nodes, n) is the displacement from the original path. The last two constraints are those of
-    the tube.
+    respect to u, and `rates` (limits, nodes, n) those with respect to the duration. `away` (3, nodes, n) is the
+    displacement from the original path. The last two constraints are those of the tube.
     """
 
     values: Float[np.ndarray, "constraints nodes n"]
     slopes: Float[np.ndarray, "limits q nodes n"]
+    rates: Float[np.ndarray, "limits nodes n"]
     away: Float[np.ndarray, "3 nodes n"]
 
     def part(self, k: Any) -> "Expansion":
@@ -153,12 +183,24 @@ class Expansion(NamedTuple):
         return Expansion(*(x[..., k] for x in self))
 
 
+class Curvature(NamedTuple):
+    """Second derivatives of a sum over the limits at the nodes.
+
+    `path` (q, q, nodes, n) are those with respect to the derivatives of the path with respect to u, `mixed` (q, nodes,
+    n) those with respect to these and the duration, and `h` (nodes, n) those with respect to the duration.
+    """
+
+    path: Float[np.ndarray, "q q nodes n"]
+    mixed: Float[np.ndarray, "q nodes n"]
+    h: Float[np.ndarray, "nodes n"]
+
+
 def expand(
     problem: RouteProblem,
     s: Segments,
     weights: Float[np.ndarray, "constraints nodes n"],
     stiffness: Float[np.ndarray, "constraints nodes n"],
-) -> tuple[Expansion, Float[np.ndarray, "q q nodes n"]]:
+) -> tuple[Expansion, Curvature]:
     """Return the constraints and their derivatives.
 
     All segments must be of one group (see `RouteProblem.groups`). The second result is the sum of the second
@@ -170,25 +212,47 @@ def expand(
     unit = units(problem, s.h, r.shape[1])
     if problem.dense:
         r = in_time(r, problem.rates)
-    value, slope = np.empty((len(unit), *r.shape[1:])), np.empty((len(unit), *r.shape))
-    curvature = np.zeros((len(r), *r.shape))
-    for k, g in enumerate(ratios(problem.names, coordinates(r))):
-        value[k], slope[k] = unit[k] * g.value, unit[k] * g.gradient
-        curvature += (unit[k] * weights[k]) * g.hessian
-        curvature += (stiffness[k] * slope[k])[:, None] * slope[k]
+    q, at_nodes = len(r), r.shape[1:]
+    value, rate = np.empty((2, len(unit), *at_nodes))
+    slope, second = np.empty((len(unit), *r.shape)), np.zeros((q, *r.shape))
+    mixed, twice = np.zeros(r.shape), np.zeros(at_nodes)
+    power, own = time_powers(problem.names), problem.road is not None
+    numbers = coordinates(np.concatenate([r, np.broadcast_to(s.h, (1, *at_nodes))]) if own else r)
+    found = ratios(problem.names, numbers[:q], road_at(problem, r.shape[1]), numbers[q] if own else None)
+    for k, g in enumerate(found):
+        w, stiff, growth = unit[k] * weights[k], stiffness[k], -power[k] / s.h
+        value[k], slope[k], rate[k] = unit[k] * g.value, unit[k] * g.gradient[:q], growth * unit[k] * g.value
+        twice += growth * (growth - 1 / s.h) * weights[k] * value[k]
+        bent = np.zeros((q + own, q + own, 1, 1)) if isinstance(g.hessian, int) else g.hessian
+        if own:
+            more = unit[k] * g.gradient[q]
+            rate[k] += more
+            mixed += w * bent[:q, q]
+            twice += w * bent[q, q] + 2 * growth * weights[k] * more
+        mixed += (growth * weights[k] + stiff * rate[k]) * slope[k]
+        twice += stiff * rate[k] ** 2
+        second += w * bent[:q, :q]
+        second += (stiff * slope[k])[:, None] * slope[k]
     if problem.dense:
-        slope, curvature = _in_parameter(slope, curvature, problem.rates)
-    return Expansion(np.concatenate([value, near(away, problem.tube)]), slope, away), curvature
+        mixed = _in_parameter(mixed[None], None, problem.rates)[0][0]
+        slope, second = _in_parameter(slope, second, problem.rates)
+    values = np.concatenate([value, near(away, problem.tube)])
+    return Expansion(values, slope, rate, away), Curvature(second, mixed, twice)
 
 
-def _in_parameter(slope: np.ndarray, curvature: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Convert derivatives with respect to those of the path in time to derivatives with respect to those in u."""
+def _in_parameter(slope: np.ndarray, curvature: Any, rates: np.ndarray) -> tuple[np.ndarray, Any]:
+    """Convert derivatives with respect to those of the path in time to derivatives with respect to those in u.
+
+    `curvature` may be None.
+    """
     order = slope.shape[1] // 3
     matrix = np.zeros((order, order, *rates.shape[1:]))
     for k, own in enumerate(_chain_rule(rates, order)):
         matrix[k, : len(own)] = own
     first = slope.reshape(len(slope), order, 3, *slope.shape[2:])
-    second = curvature.reshape(order, 3, order, 3, *curvature.shape[2:])
     first = np.einsum("jkan,pjcan->pkcan", matrix, first)
+    if curvature is None:
+        return first.reshape(slope.shape), None
+    second = curvature.reshape(order, 3, order, 3, *curvature.shape[2:])
     second = np.einsum("jkan,lman,jcldan->kcmdan", matrix, matrix, second, optimize=True)
     return first.reshape(slope.shape), second.reshape(curvature.shape)

@@ -45,16 +45,13 @@ def same_terms(one: Any, other: Any) -> tuple[Any, Any]:
     return first, second
 
 
-def smooth_fields(
-    c: Any, h: Any, states: Any, bounds: Any, tube: Any, moving: Any, composed: Any = None
-) -> dict[str, Any]:
-    """Return the fields of a `RouteProblem` that depend smoothly on the data, except the fields of the objective."""
+def smooth_fields(c: Any, h: Any, states: Any, tube: Any, moving: Any, composed: Any = None) -> dict[str, Any]:
+    """Return the fields of a `RouteProblem` that depend smoothly on the route and the tube, except the objective."""
     places = basis.places(composed, moving.shape[0])
     return {
         "ends": ends(states, h, moving),
         "durations": pieces.arithmetic(h).where(moving > 0, h, 1.0),
         "offset": offsets(c, h, states, moving, places),
-        "squares": bounds**2,
         "tube": tube_squares(tube, places),
         "axes": axes(states),
     }

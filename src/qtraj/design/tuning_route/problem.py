@@ -34,7 +34,8 @@ class RouteProblem(NamedTuple):
     (limits,): the squares of the limits. `tube`, `fine_tube` (2, nodes, n) [m²]: the squares of the half-widths. `used`
     (limits + 2, nodes, n): whether a constraint is used. `shortest`, `longest` (n,) [s]: bounds on the durations.
     `local` (limits, fine, n): the squares of limits that change along the way, at the fine nodes; None if no limit
-    changes.
+    changes. `road` (parameters, fine, n): the `RoadParameters` there; None if no limit depends on them.
+    `target` (6, 3, n) [m]: the scaled end states of the path in the objective "nearest" minus `ends`; None without one.
 
     The objective is the sum over segments of δᵀ`near`δ + `pace`(h/h₀ − 1)² + `jerk`∫|r⃛|²dt + `time`·h, where δ is the
     change of the scaled end states, h the duration and h₀ the original duration. `unit` times this sum is the objective
@@ -72,6 +73,8 @@ class RouteProblem(NamedTuple):
     rates: Any = None
     fine_rates: Any = None
     local: Any = None
+    road: Any = None
+    target: Any = None
 
     @property
     def dense(self) -> bool:
@@ -93,7 +96,21 @@ class RouteProblem(NamedTuple):
 
 _OF_SEGMENTS = (
     *("ends", "durations", "moving", "offset", "fine_offset", "tube", "fine_tube", "used"),
-    *("shortest", "longest", "near", "pace", "jerk", "time", "per_time", "composed", "rates", "fine_rates", "local"),
+    *(
+        "shortest",
+        "longest",
+        "near",
+        "pace",
+        "jerk",
+        "time",
+        "per_time",
+        "composed",
+        "rates",
+        "fine_rates",
+        "local",
+        "road",
+        "target",
+    ),
 )
 
 
@@ -154,9 +171,15 @@ def moved(problem: RouteProblem, z: Float[Any, "joints 10"]) -> tuple[Float[Any,
 
 def objective(problem: RouteProblem, s: Segments) -> Float[Any, ""]:
     """Return the objective."""
-    near = xp.einsum("lmn,lcn,mcn->", problem.near, s.change, s.change)
+    away = off_target(problem, s)
+    near = xp.einsum("lmn,lcn,mcn->", problem.near, away, away)
     pace = problem.pace * (s.h / problem.durations - 1.0) ** 2
     return near + xp.sum(pace + problem.jerk * squared_jerk(s) * s.h**-5 + problem.time * s.h)
+
+
+def off_target(problem: RouteProblem, s: Segments) -> Float[Any, "6 3 n"]:
+    """Return the scaled end states minus those of the path to which the route should be near."""
+    return s.change if problem.target is None else s.change - problem.target
 
 
 def squared_jerk(s: Segments) -> Float[Any, " n"]:

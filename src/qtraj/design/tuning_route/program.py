@@ -36,7 +36,7 @@ class RouteProgram:
         self.turns = assembly.frames(problem)
         self.moving = np.flatnonzero(problem.moving)
         self.at_nodes = np.count_nonzero(problem.used)
-        at_each = (3 * order_of(problem.names)) ** 2 * problem.used.shape[1]
+        at_each = (3 * order_of(problem.names) + (problem.road is not None)) ** 2 * problem.used.shape[1]
         size = min(PART, CACHED // at_each)
         every = np.arange(len(problem.moving))
         groups = [every[k] for k in problem.groups()]
@@ -125,9 +125,7 @@ class Linear:
         """Return the changes of the linearised constraints for a change of the variables."""
         problem, s = self.program.problem, self.segments
         change: Segments = assembly.changed_ends(s, *moved(problem, dz))
-        found = [
-            assembly.pushed(part, s.part(k), self.expansion.part(k), change.part(k)) for k, part in self.program.groups
-        ]
+        found = [assembly.pushed(part, self.expansion.part(k), change.part(k)) for k, part in self.program.groups]
         return self.program.flat(*joined(problem, found))
 
     def solver(self, shift: float = 0.0, indefinite: bool = False) -> Solver | None:
@@ -155,7 +153,7 @@ def _expanded(
     expansion, curvature = expand(problem, s, weights[0], stiffness[0])
     alone = assembly.objective_first(problem, s)
     first = _sum(alone, assembly.constraints_first(problem, s, expansion, *weights))
-    second = assembly.constraints_second(problem, s, expansion, curvature, weights[0], *stiffness)
+    second = assembly.constraints_second(problem, expansion, curvature, weights[0], *stiffness)
     second = _sum(assembly.objective_second(problem, s), second)
     return expansion, alone, first, assembly.segment_hessian(problem, s, first, second)
 

@@ -15,7 +15,7 @@ from qtraj.design.limits import Limits
 from qtraj.design.proof.certificate import PROVED
 from qtraj.design.proof.route import certify_route
 from qtraj.design.proof.route_certificate import RouteCertificate
-from qtraj.design.tuning_route import along, geometry, interior
+from qtraj.design.tuning_route import along, geometry, interior, roads
 from qtraj.design.tuning_route.constraints import relative
 from qtraj.design.tuning_route.curves import Curves, largest_of
 from qtraj.design.tuning_route.interior import FREE, Iterate, Rules, Search
@@ -174,7 +174,7 @@ def _solved(
         judged = judge(route, given, limits, tube, problem, state.at.z)
         missed |= _violated(program, state.at) & moving
         unproved_ = unproved(judged, names, moving)
-        if problem.local is not None:  # the search imposes stricter limits than those along the way
+        if problem.local is not None or limits.along_road:  # the search imposes stricter limits than the given ones
             missed &= unproved_
         open_ = unproved_ & ~missed
         exhausted = state.steps >= most and not (state.done or state.stuck or state.hopeless)
@@ -191,6 +191,10 @@ def _solved(
         if problem.local is not None:  # the distances have changed with the route
             own = along.local_squares(judged.route, limits, given.curves, problem.seam is not None)
             problem = problem._replace(local=along.stricter(problem, own))
+            program = RouteProgram(problem, price)
+        if limits.along_road:
+            road = roads.at_fine_nodes(judged.route, limits, given)
+            problem = problem._replace(road=roads.stricter(problem.road, road))
             program = RouteProgram(problem, price)
         k += 1
 

@@ -24,7 +24,7 @@ from jaxtyping import Array, Float
 from qtraj.design.limits import Limits, limits_of
 from qtraj.design.tuning_route import circuit, geometry
 from qtraj.design.tuning_route.chain import Chain
-from qtraj.design.tuning_route.constraints import bounds, values
+from qtraj.design.tuning_route.constraints import bounds, tangents, values
 from qtraj.design.tuning_route.curves import Curves, chain, rebuilt
 from qtraj.design.tuning_route.interior import Iterate, linearised, longest, newton, residual, restarted
 from qtraj.design.tuning_route.problem import RouteProblem, objective, segments
@@ -90,7 +90,9 @@ def differentiable(
             None if data.progress is None else np.asarray(data.progress)[:count],
         )
         values = dict(zip(names, np.asarray(data.bounds).tolist(), strict=True))
-        solutions.append(solve(plain, limits_of(values), (np.asarray(data.tube[0]), np.asarray(data.tube[1]))))
+        solutions.append(
+            solve(plain, limits_of(values, limits.vehicle), (np.asarray(data.tube[0]), np.asarray(data.tube[1])))
+        )
         return jnp.asarray(solutions[-1].z)
 
     @variables.defjvp
@@ -254,7 +256,8 @@ def _with_data(problem: RouteProblem, data: Data, curves: Curves, kind: str, len
     count = len(curves.owner)
     widths = jnp.stack([jnp.broadcast_to(x, (count + 1,)) for x in data.tube], axis=1)
     widths = widths[np.array([own.start for own in curves.joint_rows()])]
-    fields = geometry.smooth_fields(c, h, states, data.bounds, widths, problem.moving, problem.composed)
+    fields = geometry.smooth_fields(c, h, states, widths, problem.moving, problem.composed)
+    fields |= {"squares": tangents(problem.names, data.bounds) ** 2}
     durations = fields["durations"]
     fields |= {"shortest": SHORTEST * durations, "longest": LONGEST * durations}
     if kind == "nearest":

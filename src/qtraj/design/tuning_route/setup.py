@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from qtraj.design.tuning_route import basis
+from qtraj.design.tuning_route.constraints import tangents
 from qtraj.design.tuning_route.curves import Curves, chain, curves_of, rates, rebuilt, stretch
 from qtraj.design.tuning_route.geometry import (
     joint_states,
@@ -87,6 +88,7 @@ def problem_of(
     objective: str,
     timed: bool,
     closed: bool = False,
+    road: np.ndarray | None = None,
 ) -> RouteProblem:
     """Return the problem.
 
@@ -98,7 +100,8 @@ def problem_of(
     stretched = given.stretch
     held = _held(fixed, moving, closed)
     composed = given.curves.composed if given.curves.composed.any() else None
-    smooth = smooth_fields(given.c, given.h, given.states, bounds, tube, moving, composed)
+    squares = tangents(names, bounds) ** 2
+    smooth = smooth_fields(given.c, given.h, given.states, tube, moving, composed) | {"squares": squares}
     fine = basis.places(composed, len(given.h), fine=True)
     ends, h = smooth["ends"], smooth["durations"]
     size = np.abs(given.states[:, :2]).max(axis=(0, 2)) @ (1.0, given.h.max())
@@ -117,6 +120,7 @@ def problem_of(
         "scale": _scale(speeds(ends, h), h, moving, tube),
         "seam": len(h) if closed else None,
         "per_time": moving / stretched,
+        "road": road,
         **_rates(given),
     })  # fmt: skip
 

@@ -8,8 +8,14 @@ import numpy as np
 
 from qtraj.design.limits import Limits, limits_of, require_limits
 from qtraj.design.proof.certificate import UNDEFINED
-from qtraj.design.tuning_route import along, circuit, rounds
-from qtraj.design.tuning_route.arguments import fixed_states, half_widths, limited, require_route
+from qtraj.design.tuning_route import along, circuit, roads, rounds, target
+from qtraj.design.tuning_route.arguments import (
+    fixed_states,
+    half_widths,
+    limited,
+    require_differentiable,
+    require_route,
+)
 from qtraj.design.tuning_route.curves import joints_of, largest_of, spread
 from qtraj.design.tuning_route.geometry import moved_states
 from qtraj.design.tuning_route.problem import RouteProblem
@@ -18,12 +24,14 @@ from qtraj.design.tuning_route.sensitivity import differentiable
 from qtraj.design.tuning_route.setup import Parts, parts, problem_of
 from qtraj.design.tuning_route.shapes import route_in_tube
 from qtraj.design.tuning_route.solution import Solution
+from qtraj.design.tuning_route.target import require_target
 from qtraj.design.tuning_route.tuned_route import TunedRoute
 from qtraj.foundation.arrays import is_traced
 from qtraj.foundation.namespace import in_float64
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.driving import segments_of
+from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.route import Route
 from qtraj.path.shape import Shape
 
@@ -39,6 +47,7 @@ def tune_route(
     fixed: ArrayInput | None = None,
     *,
     closed: bool = False,
+    nearest_to: AbstractHodograph | None = None,
     max_steps: int = 300,
     throw: bool = False,
 ) -> TunedRoute:
@@ -58,6 +67,11 @@ def tune_route(
     - "fastest" [s]: the duration; at least one limit must bound the speed. Because many routes are almost as fast, the
       search adds a term with the squared jerk; this term is about 0.1 % of the duration.
 
+    `nearest_to` is a path of any kind, which replaces the original route in the objective "nearest": δr is then the
+    difference from the point of this path at the same fraction of the arc length as on the original route, and its
+    derivatives are those of a motion along this path at the pace of the route. The objective does not depend on the
+    timing of `nearest_to`. The tube is still around the original route.
+
     `fixed`: a bool array, true where the state of a joint does not change; (n,), or (n, 3) for position, velocity and
     acceleration separately. By default the states at both ends are fixed, so that a tuned `window` joins the rest of
     the route without a jump in position, heading or curvature. The time of a joint may change even if its state is
@@ -72,8 +86,10 @@ def tune_route(
     position, velocity and acceleration as the first joint, and by default no state is fixed. So the limits are proved
     on the whole lap, including the transition to the next lap.
 
-    Limits may change along the way (`Along`). While the route changes, so do the distances: the limits of a segment are
-    the strictest ones at the distances that it covers in the last result, and `certify` checks the final route.
+    Limits may change along the way (`Along`), and limits on forces refer to a road that does (`Road`). While the route
+    changes, so do the distances: the limits of a segment are the strictest ones at the distances that it covers in the
+    last result, the bank and the friction at a node are those at its distance there, and `certify` checks the final
+    route on its own distances.
 
     A `Shape` has no times: first its fastest timing is computed, a flying lap if it is closed, from which the search
     starts. The default objective is "fastest", and `closed` is that of the shape. The tube is by default that of its
@@ -105,11 +121,12 @@ def tune_route(
     converge, or if the limits contradict each other.
 
     **Raises:** ValueError for a path that is not a route, a batch, arguments inside jit or vmap, a traced route in
-    float32, an unknown objective, a limit on the natural trihedral (which does not exist on straights) or on forces,
-    "fastest" without a limit that bounds the speed, half-widths that are not positive, a wrong shape, or a `closed`
-    route that does not end where it starts, has only one segment, or has different half-widths at its ends; for a shape
-    also without widths and tube, with edges nearer than the margins, and without a fastest timing. RuntimeError with
-    `throw` if a limit is not proved to be satisfied.
+    float32, an unknown objective, a limit on the natural trihedral (which does not exist on straights), derivatives
+    with respect to the vehicle, on a road that changes along the way or with `nearest_to`, "fastest" without a limit
+    that bounds the speed, `nearest_to` with another objective, half-widths that are not positive, a wrong shape, or a
+    `closed` route that does not end where it starts, has only one segment, or has different half-widths at its ends;
+    for a shape also without widths and tube, with edges nearer than the margins, and without a fastest timing.
+    RuntimeError with `throw` if a limit is not proved to be satisfied.
     """
     route, limits = in_float64((route, limits))
     if isinstance(route, Shape):
@@ -121,11 +138,14 @@ def tune_route(
     require_route(route, limits)
     names = limited(limits, objective)
 
+    if nearest_to is not None:
+        require_target(nearest_to, objective)
+
     def solve(route: Route, limits: Limits, tube: Any) -> Solution:
-        return _solution(route, limits, names, tube, objective, fixed, closed, max_steps)
+        return _solution(route, limits, names, tube, objective, fixed, closed, max_steps, nearest_to)
 
     if is_traced(route, limits, tube):
-        limits.require_constant("tune_route inside grad or jvp", "omit the derivatives")
+        require_differentiable(limits, nearest_to)
         result = differentiable(route, limits, tube, names, objective, solve)
     else:
         result = solve(route, limits, tube).result
@@ -141,6 +161,7 @@ def _solution(
     fixed: Any,
     closed: bool,
     max_steps: int,
+    nearest_to: AbstractHodograph | None,
 ) -> Solution:
     """Return the result and the search behind it, for concrete arguments."""
     limited(limits, objective)
@@ -152,14 +173,21 @@ def _solution(
     every = fixed_states(fixed, joints, closed)
     held = np.stack([every[own].any(axis=0) for own in rows])
     bounds = along.typical(limits)
-    problem = problem_of(given, names, bounds, widths, held, objective, objective == "smoothest", closed)
+    road = roads.at_fine_nodes(route, limits, given)
+    problem = problem_of(given, names, bounds, widths, held, objective, objective == "smoothest", closed, road)
     if limits.varying:
         problem = problem._replace(local=along.local_squares(route, limits, given.curves, closed))
+    if nearest_to is not None:
+        problem = problem._replace(target=target.offset(route, given, problem.moving, nearest_to))
     found = _unchanged(route, given, limits, widths, problem)
     moving = problem.moving > 0
     smooth = not np.any(problem.offset) and not _jumps(route, given)
     undefined = _undefined(found, moving)
-    if moving.any() and not undefined and not (objective == "nearest" and smooth and found.proved):
+    if (
+        moving.any()
+        and not undefined
+        and not (objective == "nearest" and nearest_to is None and smooth and found.proved)
+    ):
         found = rounds.solved(route, given, limits, widths, problem, max_steps)
     advice = ""
     if found.missed is not None and found.proved and limits.varying:
@@ -171,8 +199,11 @@ def _solution(
             own[[0, -1]] &= not change.free_ends
             values = np.array([change.limits[name] for name in names])
             kept = change.objective == "smoothest"
-            changed = problem_of(given, names, values, widths, own, change.objective, kept, closed)
-            return rounds.feasible(route, given, limits_of(change.limits), widths, changed, max_steps)
+            changed = problem_of(given, names, values, widths, own, change.objective, kept, closed, road)
+            if change.objective == "nearest":
+                changed = changed._replace(target=problem.target)
+            raised = limits_of(change.limits, limits.vehicle)
+            return rounds.feasible(route, given, raised, widths, changed, max_steps)
 
         values = dict(zip(names, bounds.tolist(), strict=True))
         advice = remedy(values, found, objective, bool(held[[0, -1]].any()), solves)

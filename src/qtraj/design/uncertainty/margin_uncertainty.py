@@ -26,6 +26,14 @@ from qtraj.path.quantity import quantity
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+FIRST_ORDER = "These probabilities are of first order in the errors of the fit: the nonlinearity is not included."
+
+NONLINEAR = 0.3
+"""Largest nonlinearity with which a distribution is almost normal."""
+
+MANY = 100.0
+"""Scores above this are not printed as numbers: they may be infinite, where an error does not change a quantity."""
+
 SAMPLES, PER_SEGMENT = 513, 8
 """Default number of instants: at least this, and this number for each segment of a route."""
 
@@ -82,9 +90,21 @@ class MarginUncertainty(AbstractResult):
     def result(self) -> str:
         """A text for each limit: the probability at its closest instant, this instant and the score there.
 
-        A violation at an instant without a known standard deviation, such as next to a stop, is mentioned, too.
+        A violation at an instant without a known standard deviation, such as next to a stop, is mentioned, too. The
+        last line says that the probabilities are of first order, and where the nonlinearity is large.
         """
-        return "\n".join(_sentence(name, x) + self._unknown(name) for name, x in self.closest.items())
+        closest = self.closest
+        lines = [_sentence(name, x) + self._unknown(name) for name, x in closest.items()]
+        if all(math.isnan(x.score) for x in closest.values()):
+            return "\n".join(lines)
+        rough = [f"{name} ({self._nonlinearity(name):.2g})" for name in closest if self._nonlinearity(name) > NONLINEAR]
+        note = f" It is large for {', '.join(rough)}, whose probability is rough." if rough else ""
+        return "\n".join([*lines, FIRST_ORDER + note])
+
+    def _nonlinearity(self, name: str) -> float:
+        """Return the nonlinearity at the closest instant of a limit."""
+        score = self.score[name]
+        return math.nan if np.isnan(score).all() else float(np.asarray(self.nonlinearity[name])[np.nanargmin(score)])
 
     def _unknown(self, name: str) -> str:
         """Describe the largest violation at instants without a standard deviation."""
@@ -114,7 +134,7 @@ class MarginUncertainty(AbstractResult):
             variables[f"{name}_sigma"] = Quantity(sigma, entry.unit, f"standard deviation of the {about}", ("time",))
             variables[f"{name}_score"] = Quantity(score, "1", f"{about}, in standard deviations", ("time",))
         time = Quantity(self.time, "s", "time from the start of the path", ("time",))
-        scores = ", ".join(f"{name} {x.score:.2g} sigma" for name, x in self.closest.items())
+        scores = ", ".join(f"{name} {_sigmas(x.score)}" for name, x in self.closest.items())
         return Record(f"{times_text(self.time)}: {scores}", variables, {"time": time}, {"frame": "world"})
 
 
@@ -183,7 +203,15 @@ def _sentence(name: str, closest: Closest) -> str:
     chance = 1 - closest.probability if violated else closest.probability
     return (
         f"{name}: {'violated' if violated else 'satisfied'} with {_percent(chance)} at the closest instant, "
-        f"{closest.time:.4g} s, where the margin is {closest.score:.2g} sigma."
+        f"{closest.time:.4g} s, where the margin is {_sigmas(closest.score)}."
+    )
+
+
+def _sigmas(score: float) -> str:
+    return (
+        f"{score:.2g} sigma"
+        if not abs(score) > MANY
+        else f"{'more' if score > 0 else 'less'} than {math.copysign(MANY, score):.0f} sigma"
     )
 
 

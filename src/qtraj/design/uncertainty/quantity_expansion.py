@@ -6,6 +6,7 @@ differentiated by JAX.
 
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -96,12 +97,16 @@ def _vectors(numbers: Any, lowest: int) -> list[Any]:
 
 
 def _expand_function(entry: PathQuantity, r: Float[np.ndarray, "k n"], lowest: int, road: Any) -> Expansion:
+    with jax.enable_x64(True):
+        found = _derivatives(entry, lowest, jnp.asarray(r.T), road)
+    return Expansion(*(np.moveaxis(np.asarray(x, float), 0, -1) for x in found))
+
+
+@eqx.filter_jit
+def _derivatives(entry: PathQuantity, lowest: int, rows: Any, road: Any) -> Any:
+    """Return values, gradients and Hessians of a function of the user; one compilation for each number of `rows`."""
+
     def value(numbers: Any) -> Any:
         return jnp.asarray(entry.value(Invariants(_vectors(numbers, lowest), None, road)))
 
-    def all_of(numbers: Any) -> Any:
-        return value(numbers), jax.grad(value)(numbers), jax.hessian(value)(numbers)
-
-    with jax.enable_x64(True):
-        found = jax.jit(jax.vmap(all_of))(jnp.asarray(r.T))
-    return Expansion(*(np.moveaxis(np.asarray(x, float), 0, -1) for x in found))
+    return jax.vmap(lambda x: (value(x), jax.grad(value)(x), jax.hessian(value)(x)))(rows)

@@ -184,7 +184,7 @@ def instants(fitted: Any, times: ArrayInput) -> Any:
         raise ValueError(
             f"times must have shape (n,), with at least one instant, but an array of shape {t.shape} was given"
         )
-    require_inside(t, fitted.path.duration, "path")
+    require_inside(t, fitted.path.duration, "path", extrapolates=False)
     return t
 
 
