@@ -125,3 +125,31 @@ def as_a_user_runs_it():
     jaxtyping.config.update("jaxtyping_disable", True)
     yield
     jaxtyping.config.update("jaxtyping_disable", before)
+
+
+DRAWN: dict[str, bytes] = {}
+"""The pictures that commands have drawn in this process, by the name of the file."""
+
+
+@pytest.fixture(scope="module")
+def each_picture_is_drawn_once():
+    """Draw the first picture of each name, and copy it afterwards: drawing takes longer than most commands compute.
+
+    The figure itself, its axes and curves, is still made by each command; tests/viz draws many. The value is the
+    function that draws.
+    """
+    from qtraj.viz import figures, style
+
+    draw = figures.save
+
+    def save(figure, file):
+        name = os.path.basename(file)
+        if name not in DRAWN:
+            draw(figure, file)
+            DRAWN[name] = Path(file).read_bytes()
+        else:
+            Path(file).write_bytes(DRAWN[name])
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(style, "save", save)
+        yield draw

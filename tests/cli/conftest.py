@@ -1,7 +1,6 @@
 """One run of the default scenario for the whole session: compiling the tuning takes most of the time."""
 
 import json
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,12 +13,10 @@ from qtraj.cli.main import application
 from qtraj.foundation import progress_bar
 from qtraj.viz import style
 
-DRAW = style.save
-
 
 @pytest.fixture(scope="module", autouse=True)
-def unchecked(as_a_user_runs_it):
-    """The command line runs as it does for a user."""
+def unchecked(as_a_user_runs_it, each_picture_is_drawn_once):
+    """The command line runs as it does for a user, except that it draws each picture once."""
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -30,30 +27,9 @@ def without_lines_of_progress():
         yield
 
 
-@pytest.fixture(scope="session", autouse=True)
-def each_picture_is_drawn_once():
-    """Draw the first picture of each name, and copy it afterwards: drawing takes longer than most commands compute.
-
-    The figure itself, its axes and curves, is still made by each command; tests/viz draws many more.
-    """
-    drawn = {}
-
-    def save(figure, file):
-        name = os.path.basename(file)
-        if name not in drawn:
-            DRAW(figure, file)
-            drawn[name] = Path(file).read_bytes()
-        else:
-            Path(file).write_bytes(drawn[name])
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(style, "save", save)
-        yield
-
-
 @pytest.fixture
-def all_pictures_are_drawn(monkeypatch):
-    monkeypatch.setattr(style, "save", DRAW)
+def all_pictures_are_drawn(monkeypatch, each_picture_is_drawn_once):
+    monkeypatch.setattr(style, "save", each_picture_is_drawn_once)
 
 
 @pytest.fixture(scope="session")
