@@ -1,10 +1,12 @@
 """A strict test session: float64, no silent broadcasting or promotion, warnings as errors; shape checks on request."""
 
+import ctypes
 import gc
 import hashlib
 import os
 import platform
 import shutil
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -19,9 +21,12 @@ from qtraj.foundation.compilation_cache import default_folder, enable_compilatio
 CHECKS_TYPES = os.environ.get("QTRAJ_TESTS_CHECK_TYPES", "") not in ("", "0")
 """Whether every shape and type is checked at run time, which doubles the tracing time."""
 
-MAX_MAPS, MAX_MEMORY = 40_000, 1.2e9
+MAX_MAPS, MAX_MEMORY, MAX_MEMORY_WITHIN = 40_000, 1.2e9, 1.8e9
 """Numbers of memory maps and bytes of a test process above which compiled code is dropped; the kernel's limit is 65 530
-maps, and each compiled function has a few."""
+maps, and each compiled function has a few. Within a module, which may compile its functions again, more is allowed."""
+
+if "PYTEST_XDIST_WORKER" in os.environ:
+    gc.disable()  # until all test modules are imported: there is nothing to collect
 
 UNUSED = 14 * 24 * 3600
 """[s] Compiled code of other versions or flags is deleted after this time without a run."""
@@ -31,6 +36,9 @@ QUICKLY = ["--xla_backend_optimization_level=0"]
 if jax.__version_info__ < (0, 11):
     QUICKLY.append("--xla_cpu_use_fusion_emitters=false")  # later versions do not know it
 os.environ.setdefault("XLA_FLAGS", " ".join(QUICKLY))  # read when the first computation starts
+
+# As many processes as cores: threads of a process would only wait for each other, and waiting threads of OpenBLAS spin.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for the workers, which import NumPy after this
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
@@ -65,17 +73,41 @@ if CHECKS_TYPES:
     jaxtyping.install_import_hook("qtraj", "beartype.beartype")
 
 
+def pytest_collection_finish():
+    """Exclude the modules and the tests, a million objects, from all garbage collections."""
+    gc.freeze()
+    gc.set_threshold(10_000, 10, 10)
+    gc.enable()
+
+
+def resident() -> int:
+    """The memory of this process [bytes], or 0 where the system does not say."""
+    file = Path("/proc/self/statm")
+    return int(file.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") if file.exists() else 0
+
+
+def drop_compiled_code() -> None:
+    jax.clear_caches()
+    gc.collect()
+    if sys.platform == "linux" and platform.libc_ver()[0] == "glibc":
+        ctypes.CDLL(None).malloc_trim(0)  # otherwise the process keeps the memory
+
+
 @pytest.fixture(scope="module", autouse=True)
 def little_memory():
     """Drop compiled code of earlier modules before a process becomes too large."""
     yield
-    maps, memory = Path("/proc/self/maps"), Path("/proc/self/statm")
-    if not maps.exists():
-        return
-    resident = int(memory.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-    if resident > MAX_MEMORY or maps.read_bytes().count(b"\n") > MAX_MAPS:
-        jax.clear_caches()
-        gc.collect()
+    maps = Path("/proc/self/maps")
+    if resident() > MAX_MEMORY or (maps.exists() and maps.read_bytes().count(b"\n") > MAX_MAPS):
+        drop_compiled_code()
+
+
+@pytest.fixture(autouse=True)
+def little_memory_within(little_memory):
+    """Drop compiled code of earlier tests of a module before a process becomes too large."""
+    yield
+    if resident() > MAX_MEMORY_WITHIN:
+        drop_compiled_code()
 
 
 @pytest.fixture
@@ -99,3 +131,31 @@ def as_a_user_runs_it():
     jaxtyping.config.update("jaxtyping_disable", True)
     yield
     jaxtyping.config.update("jaxtyping_disable", before)
+
+
+DRAWN: dict[str, bytes] = {}
+"""The pictures that commands have drawn in this process, by the name of the file."""
+
+
+@pytest.fixture(scope="module")
+def each_picture_is_drawn_once():
+    """Draw the first picture of each name, and copy it afterwards: drawing takes longer than most commands compute.
+
+    The figure itself, its axes and curves, is still made by each command; tests/viz draws many. The value is the
+    function that draws.
+    """
+    from qtraj.viz import figures, style
+
+    draw = figures.save
+
+    def save(figure, file):
+        name = os.path.basename(file)
+        if name not in DRAWN:
+            draw(figure, file)
+            DRAWN[name] = Path(file).read_bytes()
+        else:
+            Path(file).write_bytes(DRAWN[name])
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(style, "save", save)
+        yield draw

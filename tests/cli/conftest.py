@@ -11,11 +11,12 @@ from typer.testing import CliRunner
 
 from qtraj.cli.main import application
 from qtraj.foundation import progress_bar
+from qtraj.viz import style
 
 
 @pytest.fixture(scope="module", autouse=True)
-def unchecked(as_a_user_runs_it):
-    """The command line runs as it does for a user."""
+def unchecked(as_a_user_runs_it, each_picture_is_drawn_once):
+    """The command line runs as it does for a user, except that it draws each picture once."""
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -24,6 +25,11 @@ def without_lines_of_progress():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(progress_bar, "EVERY", 3600.0)
         yield
+
+
+@pytest.fixture
+def all_pictures_are_drawn(monkeypatch, each_picture_is_drawn_once):
+    monkeypatch.setattr(style, "save", each_picture_is_drawn_once)
 
 
 @pytest.fixture(scope="session")

@@ -90,6 +90,7 @@ def test_a_limit_whose_powers_overflow_is_refused(qtraj, default, tmp_path, limi
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.usefixtures("all_pictures_are_drawn")
 def test_a_failed_search_is_a_failure_with_results(qtraj, default, tmp_path, monkeypatch):
     """The figure and the numbers of a timing that contains NaN: neither an error of matplotlib nor `nan`."""
 

@@ -27,7 +27,7 @@ from qtraj.cli.main import application
 ROOT = Path(__file__).parents[2]
 PAGES = {str(file.relative_to(ROOT)): file for file in (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))}
 
-pytestmark = pytest.mark.usefixtures("as_a_user_runs_it")
+pytestmark = pytest.mark.usefixtures("as_a_user_runs_it", "each_picture_is_drawn_once")
 
 FENCE = re.compile(r"^```([^\n]*)\n(.*?)^```$", flags=re.S | re.M)
 TITLE = re.compile(r'title="([^"]+)"')

@@ -231,16 +231,22 @@ def test_a_batch_of_paths_with_one_vehicle(count):
     )
     car = qt.Vehicle(1500.0, drag_area=0.7, rolling_resistance=0.012, friction=(1.0, 0.4), bank=0.05)
     limits = qt.Limits(friction=0.9, power=1e5, vehicle=car)
-    paths = jax.vmap(lambda k: qt.SpiralHelix(corner.radius * k, corner.angle, corner.height, corner.duration))(
-        jnp.linspace(1.0, 1.2, count)
-    )
-    timed = jax.vmap(lambda path: qt.retime(path, limits, start_speed=0.0, knots=64).path)(paths)
+    single = [
+        qt.retime(
+            qt.SpiralHelix(corner.radius * k, corner.angle, corner.height, corner.duration),
+            limits,
+            start_speed=0.0,
+            knots=64,
+        ).path
+        for k in np.linspace(1.0, 1.2, count)
+    ]
+    timed = jax.tree.map(lambda *x: jnp.stack(x), *single)
     friction = jnp.linspace(0.7, 0.9, count)  # one limit for each path
     of_each = eqx.tree_at(lambda own: own.friction, limits, friction)
     together = qt.certify(timed, of_each)
     for k in range(count):
         own = qt.Limits(friction=friction[k], power=1e5, vehicle=car)
-        alone = qt.certify(jax.tree.map(lambda x, k=k: x[k], timed), own)
+        alone = qt.certify(single[k], own)
         np.testing.assert_array_equal(together.codes[k], alone.codes)
         np.testing.assert_allclose(together.values[k], alone.values, rtol=1e-9)
 

@@ -36,6 +36,13 @@ def make_searches(motion, names, placement=None, objective="nearest"):
     return searches_of(problem, limits, -wide, wide), z
 
 
+@jax.jit
+def values_of_all(path, times):
+    """The quantities of a path at some instants; compiled together, because they have much in common."""
+    of_name = {name: lambda t, name=name: value(path, t, name, VEHICLE.parameters()) for name in QUANTITIES}
+    return {name: jax.vmap(function)(times) for name, function in of_name.items()}
+
+
 @pytest.mark.parametrize("placement", [None, AXIS])
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_constraints_are_the_logarithms_of_the_ratios(motion, placement):
@@ -43,10 +50,10 @@ def test_constraints_are_the_logarithms_of_the_ratios(motion, placement):
     u, k = np.array([0.0, 0.3, 1.0])[:, None], 1
     rows = Curves(searches, z).values(tuple(QUANTITIES), u, searches.order)
     path = jax.tree.map(lambda x: jnp.asarray(x[k]), searches.problem.path(z))
+    every = values_of_all(path, u[:, 0] * path.duration)
     for (name, entry), g in zip(QUANTITIES.items(), rows, strict=True):
         scale = float(entry.scale(VEHICLE.parameters()))
-        of_name = jax.jit(jax.vmap(lambda t, name=name: value(path, t, name, VEHICLE.parameters())))
-        values = entry.tangent(np.asarray(of_name(u[:, 0] * path.duration)) / scale)
+        values = entry.tangent(np.asarray(every[name]) / scale)
         expected = np.where(values > 0, np.log(np.where(values > 0, values, 1.0) / LIMIT), 2 * ABSENT)
         own = np.broadcast_to(g, (3, BATCH))[:, k]
         np.testing.assert_allclose(np.maximum(own, 2 * ABSENT), expected, rtol=1e-9, atol=1e-9, err_msg=name)

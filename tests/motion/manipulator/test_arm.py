@@ -197,26 +197,36 @@ def test_a_singular_wrist():
     assert re.search(r"deviated from the command by up to \S+ rad/s² and \S+ m/s²\.", motion.result)
 
 
-def test_redundant_joints_come_to_rest():
-    """Four joints for an attitude: the gripper follows, and joint motion that does not move it decays."""
+def redundant():
+    """Four joints for an attitude, their angles and rates, and a program that stays at the first attitude."""
     arm = qt.Arm([qt.Joint(axis) for axis in ([0, 0, 1.0], [0, 1.0, 0], [1.0, 0, 0], [0, 0, 1.0])], [0.0, 0, 1.0])
     joints, rates = np.array([0.2, 0.5, -0.3, 0.4]), np.array([0.5, 0.1, -0.4, -0.6])
     start = arm.pose(jnp.asarray(joints))[1]
-    turn = qt.EulerTurn(start, start, qt.Quintic(duration=1.0))
+    return arm, qt.EulerTurn(start, start, qt.Quintic(duration=1.0)), joints, rates
+
+
+def test_redundant_joints_come_to_rest():
+    """The gripper follows, and joint motion that does not move it decays."""
+    arm, turn, joints, rates = redundant()
     motion = qt.simulate_arm(arm, turn, LAW, joints, rates, np.linspace(0.0, 16.0, 17))
     assert motion.successful
     np.testing.assert_allclose(motion.joint_rates[-1], 0.0, atol=1e-4)
     assert motion.angle[-1] < 1e-4
 
 
-def test_storage_batches_and_invalid_arguments(tmp_path):
-    arm, turn = qt.stanford_arm(), program()
-    many = jax.vmap(lambda q: qt.simulate_arm(arm, turn, LAW, q, RATES, [0.0, 0.5]))(jnp.stack([JOINTS, JOINTS + 0.1]))
-    assert many.joints.shape == (2, 2, 6)
-    one = qt.simulate_arm(arm, turn, LAW, JOINTS, RATES, [0.0, 0.5])
+def test_batches_agree_with_single_motions_which_are_stored(tmp_path):
+    arm, turn, joints, rates = redundant()
+    times = np.linspace(0.0, 0.8, 17)  # as many as in the test above, whose compiled code is used again
+    many = jax.vmap(lambda q: qt.simulate_arm(arm, turn, LAW, q, rates, times))(jnp.stack([joints, joints + 0.1]))
+    assert many.joints.shape == (2, 17, 4)
+    one = qt.simulate_arm(arm, turn, LAW, joints, rates, times)
     np.testing.assert_allclose(many.joints[0], one.joints, atol=1e-12)
     one.save(tmp_path / "arm.toml")
     np.testing.assert_array_equal(qt.load(tmp_path / "arm.toml").joints, one.joints)
+
+
+def test_invalid_arguments():
+    arm, turn = qt.stanford_arm(), program()
     short = qt.Arm([qt.Joint([0, 0, 1.0])] * 3, [0.0, 0, 1.0])
     for call, expected in (
         (lambda: qt.Joint([0.0, 0, 0]), "must not be zero"),
