@@ -1,7 +1,10 @@
 """Every public function, class and method: all kinds and shapes of arguments, in jit, vmap and grad."""
 
 import inspect
+import subprocess
+import sys
 import types
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -115,6 +118,29 @@ def test_jit_vmap_and_grad(name):
         expected = sum(np.sum(g * dx) for g, dx in zip(slope, step, strict=True))
         size = sum(np.sum(np.abs(g * dx)) for g, dx in zip(slope, step, strict=True))
         np.testing.assert_allclose((ends[0] - ends[1]) / 2, expected, rtol=0, atol=SMOOTH * size + 1e-13)
+
+
+WHERE = """
+import jax, jax.numpy as jnp
+jax.config.update("jax_num_cpu_devices", 2)
+jax.config.update("jax_enable_x64", True)
+from tests.contracts.every_call import CALLS, UNTRACED
+
+other = jax.local_devices()[1]
+ELSEWHERE = {*UNTRACED, "Vehicle", "Curve"}  # a number, and a result that does not depend on the argument
+for name, (call, *whole) in CALLS.items():
+    results = jax.tree.leaves(call(*(jax.device_put(jnp.asarray(x, float), other) for x in whole)))
+    where = [x.devices() if isinstance(x, jax.Array) else type(x) for x in results]
+    if name not in ELSEWHERE and any(x != {other} for x in where):
+        print(name, *where)
+"""
+
+
+def test_results_are_on_the_device_of_the_arguments():
+    root = Path(__file__).parents[2]
+    process = subprocess.run([sys.executable, "-c", WHERE], cwd=root, capture_output=True, text=True, check=False)
+    assert process.returncode == 0, process.stderr[-2000:]
+    assert process.stdout == ""
 
 
 def drawn(whole, shape):

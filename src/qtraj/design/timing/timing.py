@@ -27,7 +27,7 @@ from qtraj.design.timing.cell_times import (
 from qtraj.design.timing.retimed_motion import RetimedMotion
 from qtraj.foundation.arrays import as_float, is_traced, one_instant, part
 from qtraj.foundation.document import storable
-from qtraj.foundation.namespace import namespace
+from qtraj.foundation.namespace import in_numpy, namespace
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike
 from qtraj.path.hodograph import AbstractHodograph, require_order
@@ -77,12 +77,14 @@ class Timing(eqx.Module):
         """The duration of the whole path [s]."""
         return part(self.times, (..., -1))
 
+    @in_numpy
     def squared_speed(self, u: ScalarLike) -> Scalar:
         """Return a(u) = u̇² at one parameter `u`."""
         cells, u = self._with(one_instant(u))
         cell, place = cells.locate(u)
         return as_float(cells.xp.maximum(horner(cells.form(cell), place), 0.0))
 
+    @in_numpy
     def taylor(self, u: ScalarLike) -> Float[Any, " 4"]:
         """Return the Taylor coefficients of the function a(u) at the parameter `u`."""
         found = self.taylor_at(one_instant(u))
@@ -96,6 +98,7 @@ class Timing(eqx.Module):
         shifted = [sum(math.comb(j, k) * c[j] * place ** (j - k) for j in range(k, 4)) for k in range(4)]
         return [x / length**k for k, x in enumerate(shifted)]
 
+    @in_numpy
     def time(self, u: ScalarLike) -> Scalar:
         """Return the time [s] at which the parameter is `u`; outside the knots, return the time of the nearer end."""
         return as_float(self.times_of(one_instant(u)))
@@ -112,6 +115,7 @@ class Timing(eqx.Module):
         """Return the parameter at the time `t` [s]; outside [0, duration], return the parameter of the nearer end."""
         return self.motion(t)[0]
 
+    @in_numpy
     def motion(self, t: ScalarLike) -> tuple[Scalar, Scalar]:
         """Return the parameter u and its rate u̇ at the time `t` [s]; outside [0, duration], those of the nearer end."""
         u, rate = self.motion_at(one_instant(t))
@@ -213,6 +217,7 @@ class RetimedPath(AbstractHodograph):
         """Return the times of the knots [s]; the path is smooth between them."""
         return self.timing.times
 
+    @in_numpy
     def derivatives(self, t: ScalarLike, order: int) -> Float[Any, "{order}+1 3"]:
         """Return r and its time derivatives up to `order` at one instant `t`, in world axes; row k is in [m s^-k]."""
         require_order(order)

@@ -5,7 +5,7 @@ import numpy as np
 from qtraj.algebra import quaternion, rotation
 from qtraj.foundation.arrays import concrete, one_instant, real_scalar, real_vector, require_positive
 from qtraj.foundation.document import storable
-from qtraj.foundation.namespace import of_arrays
+from qtraj.foundation.namespace import in_numpy, of_arrays
 from qtraj.foundation.seconds import seconds
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Quat, Scalar, ScalarLike, Vec3
@@ -65,12 +65,18 @@ class Spin(AbstractProgram):
 
     def __call__(self, t: ScalarLike) -> Attitude:
         """Return the attitude at the time `t` [s]."""
-        return Attitude(_turned(self.start_q, self.rate, one_instant(t)), self.rate, np.zeros(3) * self.rate)
+        return _attitude(self, one_instant(t))
 
     @property
     def end(self) -> Quat:
         """The unit quaternion at the end of the spin."""
         return _turned(self.start_q, self.rate, self.duration)
+
+
+@in_numpy
+def _attitude(spin: Spin, t: Scalar) -> Attitude:
+    """Return the attitude at one time [s]."""
+    return Attitude(_turned(spin.start_q, spin.rate, t), spin.rate, np.zeros(3) * spin.rate)
 
 
 @of_arrays
