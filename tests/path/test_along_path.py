@@ -10,6 +10,7 @@ from scipy.optimize import minimize_scalar
 import qtraj as qt
 
 SPIRAL = qt.SpiralHelix([10.0, 1.0, -0.01], [0, 0.7, 0.01], [0, 0.5], 20.0)
+CIRCLE = qt.SpiralHelix([10.0], [0.0, 1.0], [0.0], 2.0)
 
 
 class Own(qt.AbstractHodograph):
@@ -150,3 +151,20 @@ def test_the_nearest_point_at_a_corner_and_at_an_end():
         SPIRAL.nearest([1.0, 2.0])
     with pytest.raises(ValueError, match="one instant"):
         SPIRAL.arc_length([1.0, 2.0])
+
+
+@pytest.mark.parametrize("path", [CIRCLE, qt.Route.from_path(CIRCLE, 1e-9)], ids=["spiral-helix", "route"])
+def test_derivatives_of_the_nearest_point(path):
+    """On a circle, the time is the azimuth of the point and the position is its direction; at an end they are fixed."""
+
+    def found(p):
+        return (*path.nearest(p)[:2],)
+
+    p = np.array([6.0, 2.0, 1.0])
+    time, position = jax.jit(jax.jacrev(found))(p)
+    across = np.array([-p[1], p[0], 0.0]) / np.hypot(*p[:2])
+    np.testing.assert_allclose(time, across / np.hypot(*p[:2]), atol=1e-7)
+    np.testing.assert_allclose(position, 10.0 / np.hypot(*p[:2]) * np.outer(across, across), atol=1e-6)
+    time, position = jax.jit(jax.jacrev(found))(np.array([9.0, -5.0, 0.0]))
+    assert not np.any(time)
+    assert not np.any(position)
