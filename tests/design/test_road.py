@@ -205,18 +205,16 @@ def test_what_does_not_support_roads_says_so():
     a, b = qt.BoundaryState([20, 0, 0], [1, 7, 0.3]), qt.BoundaryState([0, 28, 1.5], [-9.8, -1, 0.1])
     with pytest.raises(ValueError, match="changes along the way"):
         qt.tune(a, b, qt.Limits(friction=0.5, vehicle=vehicle))
-    with pytest.raises(ValueError, match="lateral_acceleration"):
-        qt.tune_route(route, qt.Limits(friction=0.5, vehicle=vehicle))
 
 
 def test_limits_that_do_not_depend_on_the_road_are_proved():
     quick = qt.Quantity("pace", "m/s", lambda p: p.speed * p.vehicle.mass / p.vehicle.mass)
     grip = qt.Quantity("grip", "m/s", lambda p: p.speed / p.vehicle.friction[0])
     vehicle = qt.Vehicle(1000.0, wheelbase=2.7, road=qt.Road([0.0, 50.0], friction=[0.8, 0.4]))
-    limits = qt.Limits(steering_angle=0.1, own={quick: 20.0, grip: 1e9}, vehicle=vehicle)
-    found = qt.certify(circle(), limits)
+    found = qt.certify(circle(), qt.Limits(steering_angle=0.1, own={quick: 20.0}, vehicle=vehicle))
     assert found.status["steering_angle"] == found.status["pace"] == "proved"
-    assert found.status["grip"] != "proved"
+    with pytest.raises(ValueError, match="the quantity grip depends on the bank or the friction"):
+        qt.certify(circle(), qt.Limits(own={quick: 20.0, grip: 1e9}, vehicle=vehicle))
 
 
 def test_margins_of_forces_on_a_road_need_concrete_values():
@@ -232,3 +230,19 @@ def test_a_road_of_many_sections_is_proved():
     road = qt.Road(np.linspace(0.0, 90.0, count), friction=0.8 + 0.05 * np.sin(np.arange(count)))
     limits = qt.Limits(friction=0.9, vehicle=qt.Vehicle(1000.0, road=road))
     assert qt.certify(straight(0.0, 0.0)[0], limits).status["friction"] == "proved"
+
+
+def test_own_quantities_on_a_road_that_changes_in_steps_are_proved():
+    demand = qt.Quantity("demand", "1", lambda p: p.acceleration[0] / (p.vehicle.gravity * p.vehicle.friction[0]))
+    load = qt.Quantity("load", "N", lambda p: p.vehicle.mass * p.acceleration[0])
+    route = qt.Route([0.0, 2.0], [[0.0, 0, 0], [6.0, 0, 0]], [[2.0, 0, 0], [4.0, 0, 0]], [[1.0, 0, 0], [1.0, 0, 0]])
+    largest = 1.0 / (9.80665 * 0.5)  # at the constant acceleration 1 m/s², where the friction is least
+    for share, status in ((1.001, "proved"), (0.999, "broken")):
+        car = qt.Vehicle(1e3, road=qt.Road([0, 3, 4], friction=[0.8, 0.5, 0.7], kind="step"))
+        found = qt.certify(route, qt.Limits(own={demand: (-0.9, share * largest)}, vehicle=car))
+        assert found.status == {"demand_min": "proved", "demand_max": status}
+        assert float(found.worst["demand_max"][1]) == pytest.approx(largest, rel=1e-9)
+    linear = qt.Vehicle(1e3, road=qt.Road([0, 3, 4], friction=[0.8, 0.5, 0.7]))
+    with pytest.raises(ValueError, match=r"the quantity demand depends on .* pass a Road with kind='step'"):
+        qt.certify(route, qt.Limits(own={demand: 0.9}, vehicle=linear))
+    assert qt.certify(route, qt.Limits(own={load: 1500.0}, vehicle=linear)).holds

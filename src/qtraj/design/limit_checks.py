@@ -8,9 +8,10 @@ import numpy as np
 from qtraj.design.ellipse import OfSpeed
 from qtraj.foundation.arrays import concrete
 from qtraj.foundation.suggestion import suggestion
-from qtraj.path.path_quantity import VEHICLE
+from qtraj.path.frenet import Invariants
+from qtraj.path.path_quantity import PARAMETERS, VEHICLE, PathQuantity
 from qtraj.path.quantity import COMBINED, QUANTITIES, SIDES, quantity
-from qtraj.path.vehicle import Vehicle, require, require_vehicle
+from qtraj.path.vehicle import Vehicle, fixed_parameters, require, require_vehicle
 from qtraj.path.vehicle_data import batch_of
 
 
@@ -48,9 +49,37 @@ def refuse_changing(limits: Mapping[str, Any], what: str, instead: str) -> None:
 
 
 def forces_along(vehicle: Vehicle | None, names: Collection[str]) -> list[str]:
-    """Return the names of limits on forces of a road that changes along the way."""
-    changes = vehicle is not None and vehicle.on_changing_road
-    return [name for name in names if changes and quantity(name).needs == VEHICLE]
+    """Return the names of limits on forces of a road that changes along the way.
+
+    On a road that changes in steps, limits on own quantities with parameters of the vehicle are among them: between two
+    steps, the parameters are constant.
+    """
+    if vehicle is None or not vehicle.on_changing_road:
+        return []
+    return [name for name in names if depends_on_road(quantity(name), vehicle.road)]
+
+
+def depends_on_road(entry: PathQuantity, road: Any) -> bool:
+    """Return whether proofs on a road that changes along the way support a quantity that depends on it."""
+    return entry.needs == VEHICLE or (entry.needs == PARAMETERS and road.kind == "step")
+
+
+def require_known_road(vehicle: Vehicle | None, names: Collection[str]) -> None:
+    """Raise a ValueError for an own quantity with parameters that change along the way, unless they do in steps."""
+    if vehicle is None or not vehicle.on_changing_road:
+        return
+    for name in names:
+        entry = quantity(name)
+        if entry.needs != PARAMETERS or depends_on_road(entry, vehicle.road):
+            continue
+        rows: Any = [tuple(np.array([0.3, -0.7, 0.4]) + k) for k in range(entry.order + 1)]
+        with np.errstate(all="ignore"):
+            value = np.asarray(entry.value(Invariants(rows, None, fixed_parameters(vehicle, np.float64))))
+        if np.isnan(value):  # parameters that change are NaN
+            raise ValueError(
+                f"the quantity {entry.base or entry.name} depends on the bank or the friction of a road that changes "
+                "linearly along the way, which certify does not support: pass a Road with kind='step'"
+            )
 
 
 def require_needs(names: Collection[str], vehicle: Vehicle | None) -> None:

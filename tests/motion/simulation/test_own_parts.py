@@ -224,8 +224,11 @@ class Noise(qt.AbstractSensor):
 
 
 def test_own_parts_together():
-    """Path, frame, law with a state, disturbance and sensor of one's own, in one simulation, under jit and vmap."""
+    """Path, quantity, frame, law with a state, disturbance, sensor and profile of one's own, under jit and vmap."""
     path = Spiral(0.5)
+    climb = qt.Quantity("climb", "m/s", lambda p: p.velocity[2])
+    value = np.asarray(qt.evaluate(path, np.linspace(0.0, 6.0, 4), ("velocity", climb), frame=FRAME)["climb"])
+    assert qt.certify(path, qt.Limits(own={climb: float(value.max()) + 1e-3})).met
     program = qt.FrameProgram(path, FRAME)
     start, times = program(0.0), np.linspace(0.0, 6.0, 4)
     rate = jnp.concatenate([jnp.zeros(1), start.rate])

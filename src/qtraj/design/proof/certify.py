@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from qtraj.design.limit_checks import require_known_road
 from qtraj.design.limits import Limits, require_limits
 from qtraj.design.proof.certificate import Certificate
 from qtraj.design.proof.corridor import add_corridor
@@ -108,7 +109,8 @@ def certify(
     contributes to the distance as an arc length.
 
     **Raises:** ValueError for a batch of paths with an array that lacks the batch dimension; for a corridor without a
-    reference, or with a reference about a different axis; for a shape and a limit that depends on times.
+    reference, or with a reference about a different axis; for a shape and a limit that depends on times; and for an own
+    quantity that depends on the bank or the friction of a road that changes linearly along the way.
     RuntimeError with `throw` if a limit is violated, undecided or undefined.
     """
     if not isinstance(path, Shape):
@@ -116,6 +118,7 @@ def certify(
     require_limits(limits)
     if corridor is None and reference is not None:
         raise ValueError("a reference was given without a corridor: also pass corridor=, the maximum distance [m]")
+    require_known_road(limits.vehicle, limits.given())
     if isinstance(path, Route | Shape):
         if corridor is not None:
             kind = type(path).__name__

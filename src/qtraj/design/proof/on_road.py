@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
+from qtraj.design.limit_checks import depends_on_road
 from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, UNDEFINED
 from qtraj.design.proof.findings import Findings, Limit, Window
 from qtraj.design.proof.route_segments import RANK
@@ -95,6 +96,10 @@ class OnRoad:
 
     def __init__(self, on: RoadOnPath, starts: Float[np.ndarray, " n"], ends: Float[np.ndarray, " n"], judged: Judged):
         self.on, self.starts, self.ends, self._judged = on, starts, ends, judged
+
+    def supports(self, entry: PathQuantity) -> bool:
+        """Return whether the findings on a quantity are those on this road."""
+        return depends_on_road(entry, self.on.road)
 
     def findings(self, segment: Int[np.ndarray, " m"], limit: Limit, window: Window) -> Findings:
         """Return the findings on a limit in windows of segments."""

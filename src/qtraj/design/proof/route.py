@@ -18,7 +18,6 @@ from qtraj.design.proof.varying_parts import Divided, excess, judged_parts
 from qtraj.foundation.arrays import is_traced
 from qtraj.path.distances import Distances, distances
 from qtraj.path.driving import require_one_direction, segments_of
-from qtraj.path.path_quantity import VEHICLE
 from qtraj.path.quantity import quantity
 from qtraj.path.road_on_path import RoadOnPath
 from qtraj.path.route import Route
@@ -115,7 +114,7 @@ def _divided(on: Distances, segments: Segments, road: RoadParameters | None, way
     on_road = None if way is None else OnRoad(way, segments.starts, ends, judged)
 
     def of_parts(segment: np.ndarray, limit: Limit, window: Window) -> Findings:
-        if on_road is not None and limit.entry.needs == VEHICLE:
+        if on_road is not None and on_road.supports(limit.entry):
             return on_road.findings(segment, limit, window)
         return judged(segment, limit, window, road)
 

@@ -24,7 +24,6 @@ from qtraj.design.timing.findings import joined
 from qtraj.foundation.arrays import is_traced
 from qtraj.path.distances import distances
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.path_quantity import VEHICLE
 from qtraj.path.quantity import quantity
 from qtraj.path.road_on_path import RoadOnPath
 from qtraj.path.vehicle import RoadParameters, fixed_parameters
@@ -139,7 +138,7 @@ def _divided(path: AbstractHodograph, limits: Limits) -> Divided:
     on_road = OnRoad(RoadOnPath(vehicle, on), np.zeros(1), length, judged) if limits.along_road else None
 
     def findings(segment: np.ndarray, limit: Limit, window: Window) -> Findings:
-        if on_road is not None and limit.entry.needs == VEHICLE:
+        if on_road is not None and on_road.supports(limit.entry):
             return on_road.findings(segment, limit, window)
         return judged(segment, limit, window, road)
 
