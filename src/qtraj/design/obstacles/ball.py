@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from typing import Any
 
+import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.algebra.combined_claims import AnyClaim
@@ -56,6 +58,11 @@ class Ball(AbstractObstacle):
     def distance(self, points: Float[Array, "*n 3"], times: Float[Array, "*n"]) -> Float[Array, "*n"]:
         """Return the distances [m] of points (..., 3) at the times (...) [s], negative inside."""
         return norm(points - point_at(self.centre, times)) - self.radius
+
+    def occupancy(self, centre: Any, reach: float) -> Any:
+        """Return 2 − d²/(radius + reach)², with the distance d from the centre."""
+        x, y, z = (p - c for p, c in zip(centre, np.asarray(self.centre, float)[0].tolist(), strict=True))
+        return 2.0 - (x * x + y * y + z * z) * (float(self.radius) + reach) ** -2
 
     def outside(self, place: Place, reach: Fraction) -> AnyClaim:
         """Return the claim that a ball does not enter; see `AbstractObstacle`."""

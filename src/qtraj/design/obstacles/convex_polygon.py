@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.algebra.combined_claims import AnyClaim, all_of, any_of
+from qtraj.algebra.jets import sqrt
 from qtraj.algebra.surd import Claim
 from qtraj.algebra.vector import norm
 from qtraj.design.obstacles.obstacle import AbstractObstacle
@@ -64,6 +65,27 @@ class ConvexPolygon(AbstractObstacle):
         nearest = xp.min(norm(away - along[..., None] * edge), axis=-1)
         inside = xp.max(height, axis=-1)
         return xp.where(inside <= 0, inside, nearest)
+
+    def occupancy(self, centre: Any, reach: float) -> Any:
+        """Return 1 plus how far [m] the ball reaches beyond the nearest wall or corner."""
+        x, y, _ = centre
+        a, b = (np.asarray(getattr(p, "value", p)) for p in (x, y))
+        vertices = np.asarray(self.vertices, float)
+        edge = np.roll(vertices, -1, axis=0) - vertices
+        length = np.linalg.norm(edge, axis=1)
+        ahead, normal = edge / length[:, None], np.stack([edge[:, 1], -edge[:, 0]], axis=1) / length[:, None]
+        away = np.stack([a, b], axis=-1)[..., None, :] - vertices
+        height, along = (np.einsum("...kc,kc->...k", away, v) for v in (normal, ahead))
+        wall = np.argmax(height, axis=-1)
+        own = np.take_along_axis(along, wall[..., None], axis=-1)[..., 0]
+        corner = np.where(own < 0, wall, (wall + 1) % len(vertices))
+        at_corner = (np.max(height, axis=-1) > 0) & ((own < 0) | (own > length[wall]))
+        n, v, c = normal[wall], vertices[wall], vertices[corner]
+        straight = (x - v[..., 0]) * n[..., 0] + (y - v[..., 1]) * n[..., 1]
+        # Away from corners the root is that of 1.
+        dx, dy = (x - c[..., 0]) * (1.0 * at_corner), (y - c[..., 1]) * (1.0 * at_corner)
+        rounded = sqrt(dx * dx + dy * dy + 1.0 * ~at_corner)
+        return 1.0 + reach - (straight * (1.0 * ~at_corner) + rounded * (1.0 * at_corner))
 
     def outside(self, place: Place, reach: Fraction) -> AnyClaim:
         """Return the claim that a ball does not enter; see `AbstractObstacle`.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 from jaxtyping import Array, Float
@@ -65,6 +66,13 @@ class Cylinder(AbstractObstacle):
         """Return the distances [m] of points (..., 3) at the times (...) [s], negative inside."""
         away = points - point_at(self.point, times)
         return norm(cross(xp.broadcast_to(self.axis, away.shape), away)) / norm(self.axis) - self.radius
+
+    def occupancy(self, centre: Any, reach: float) -> Any:
+        """Return 2 − d²/(radius + reach)², with the distance d from the axis."""
+        x, y, z = (p - c for p, c in zip(centre, np.asarray(self.point, float)[0].tolist(), strict=True))
+        a, b, c = (np.asarray(self.axis, float) / np.linalg.norm(np.asarray(self.axis, float))).tolist()
+        along = a * x + b * y + c * z
+        return 2.0 - (x * x + y * y + z * z - along * along) * (float(self.radius) + reach) ** -2
 
     def outside(self, place: Place, reach: Fraction) -> AnyClaim:
         """Return the claim that a ball does not enter; see `AbstractObstacle`.

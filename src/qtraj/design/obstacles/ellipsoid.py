@@ -114,6 +114,17 @@ class Ellipsoid(AbstractObstacle):
         normal = normal / np.where(length > 0, length, 1.0)
         return (normal * own).sum(axis=-1) - np.sqrt((normal * normal * values).sum(axis=-1))
 
+    def occupancy(self, centre: Any, reach: float) -> Any:
+        """Return 2 − xᵀQ⁻¹x, where the ellipsoid with the matrix Q contains all points within the reach."""
+        P = np.asarray(self.shape, float)
+        beta = float(np.sqrt(np.trace(P) / 3)) / reach if reach > 0 else np.inf
+        inverse = np.linalg.inv(
+            (1 + 1 / beta) * P + (reach * reach + (reach * beta if reach > 0 else 0.0) * reach) * np.eye(3)
+        )
+        x = [p - c for p, c in zip(centre, np.asarray(self.centre, float)[0].tolist(), strict=True)]
+        products = [(inverse[i, j] * (2.0 if i < j else 1.0), i, j) for i in range(3) for j in range(i, 3)]
+        return 2.0 - sum(weight * (x[i] * x[j]) for weight, i, j in products)
+
     def outside(self, place: Place, reach: Fraction) -> AnyClaim:
         """Return the claim that a ball does not enter; see `AbstractObstacle`.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 from jaxtyping import Array, Float
@@ -51,6 +52,13 @@ class HalfSpace(AbstractObstacle):
     def distance(self, points: Float[Array, "*n 3"], times: Float[Array, "*n"]) -> Float[Array, "*n"]:
         """Return the distances [m] of points (..., 3), negative inside; the times do not matter."""
         return ((points * xp.broadcast_to(self.normal, points.shape)).sum(axis=-1) - self.offset) / norm(self.normal)
+
+    def occupancy(self, centre: Any, reach: float) -> Any:
+        """Return 1 plus how far [m] the ball is beyond the plane."""
+        length = float(np.linalg.norm(np.asarray(self.normal, float)))
+        a, b, c = (np.asarray(self.normal, float) / length).tolist()
+        x, y, z = centre
+        return 1.0 + reach + float(self.offset) / length - (a * x + b * y + c * z)
 
     def outside(self, place: Place, reach: Fraction) -> AnyClaim:
         """Return the claim that a ball does not enter; see `AbstractObstacle`."""

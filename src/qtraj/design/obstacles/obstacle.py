@@ -35,6 +35,13 @@ class AbstractObstacle(eqx.Module):
         ellipsoid with a positive reach, the claim is refuted only if it is false.
         """
 
+    @abc.abstractmethod
+    def occupancy(self, centre: Any, reach: float) -> Any:
+        """Return a function that is at most 1 if a ball with the radius `reach` [m] does not enter, for searches.
+
+        The components of the centre are arrays or jets. The obstacle does not move.
+        """
+
     @property
     def track(self) -> Float[Array, "terms 3"] | None:
         """The coefficients of the point that moves with the obstacle; None for an obstacle that has none."""

@@ -17,8 +17,10 @@ from jaxtyping import Float
 
 from qtraj.algebra.jets import coordinates, sqrt
 from qtraj.design.tuning_route import basis
+from qtraj.design.tuning_route.clear import Clear
 from qtraj.design.tuning_route.problem import RouteProblem, Segments, joined
 from qtraj.foundation.namespace import matmul, xp
+from qtraj.path.clearance_quantity import names_obstacle
 from qtraj.path.frenet import Invariants
 from qtraj.path.path_quantity import PathQuantity
 from qtraj.path.quantity import quantity
@@ -44,10 +46,14 @@ def relative(
 ) -> Any:
     """Return the square roots of the constraints for values of the quantities; `bounds` are the magnitudes of limits.
 
-    A value on the other side of zero than the limit counts as zero.
+    A value on the other side of zero than the limit counts as zero. For an obstacle, the result is about 1 plus the
+    depth [m] to which the body enters.
     """
     found = np.empty(values.shape)
     for k, name in enumerate(names):
+        if names_obstacle(name):
+            found[k] = 1.0 + np.maximum(-values[k], 0.0)
+            continue
         side = quantity(name).side if quantity(name).bounds_side else 1
         found[k] = np.maximum(side * values[k] / bounds[k], 0.0) ** (0.5 * _power(name))
     return found
@@ -63,13 +69,15 @@ def units(problem: RouteProblem, h: Float[Any, " n"], nodes: int) -> Float[Any, 
     return times[:, None] * squares ** (-0.5 * powers)[:, None, None]
 
 
-def ratios(names: tuple[str, ...], r: Any) -> list[Any]:
+def ratios(names: tuple[str, ...], r: Any, clear: tuple[Clear, ...] = ()) -> list[Any]:
     """Return the square in the constraint of each limit for the derivatives r', r'', … in the array or list `r`.
 
-    The components of each derivative follow each other. They are arrays or jets.
+    The components of each derivative follow each other. They are arrays or jets. With obstacles, r is the first.
     """
-    i = Invariants([None, *((r[k], r[k + 1], r[k + 2]) for k in range(0, len(r), 3))], root=sqrt)
-    return [_ratio(quantity(name), i) for name in names]
+    rows = [(r[k], r[k + 1], r[k + 2]) for k in range(0, len(r), 3)]
+    position, derived = (rows[0], rows[1:]) if clear else (None, rows)
+    i, own = Invariants([None, *derived], root=sqrt), names[: len(names) - len(clear)]
+    return [*(_ratio(quantity(name), i) for name in own), *(x.value(position, derived[0]) for x in clear)]
 
 
 def _ratio(entry: PathQuantity, i: Invariants) -> Any:
@@ -79,29 +87,34 @@ def _ratio(entry: PathQuantity, i: Invariants) -> Any:
     return below / above if entry.lower else above / below
 
 
-def derivatives(
-    ends: Float[Any, "6 3 n"], order: int, fine: bool = False, dense: bool = False
-) -> Float[Any, "q nodes n"]:
-    """Return the derivatives with respect to u of the orders 1 to `order` at the nodes, component by component."""
-    rows = basis.table(order, fine, dense)[1:]
-    found = matmul(rows.reshape(-1, 6), ends.reshape(6, -1)).reshape(order, rows.shape[1], 3, -1)
-    return xp.moveaxis(found, 2, 1).reshape(3 * order, rows.shape[1], -1)
+def derivatives(problem: RouteProblem, ends: Float[Any, "6 3 n"], fine: bool = False) -> Float[Any, "q nodes n"]:
+    """Return the derivatives with respect to u at the nodes, component by component; with obstacles, r is the first."""
+    order = order_of(problem.names)
+    rows = basis.rows(order + 1 - problem.first, problem.first, fine, problem.dense)
+    found = matmul(rows.reshape(-1, 6), ends.reshape(6, -1)).reshape(len(rows), rows.shape[1], 3, -1)
+    found = xp.moveaxis(found, 2, 1).reshape(3 * len(rows), rows.shape[1], -1)
+    if problem.clear:
+        found = xp.concatenate([found[:3] + problem.origins[:, None], found[3:]])
+    return found
 
 
-def in_time(r: Float[Any, "q nodes n"], rates: Float[Any, "3 nodes n"]) -> Float[Any, "q nodes n"]:
+def in_time(r: Float[Any, "q nodes n"], rates: Float[Any, "3 nodes n"], first: int = 1) -> Float[Any, "q nodes n"]:
     """Convert derivatives of curves with respect to u to those with respect to the time, in units of the duration.
 
     `rates` are the derivatives of the progress (see `curves.rates`).
     """
-    matrix = _chain_rule(rates, len(r) // 3)
+    matrix = _chain_rule(rates, len(r) // 3, first)
     rows = r.reshape(-1, 3, *r.shape[1:])
     return xp.concatenate([sum(m[None] * row for m, row in zip(own, rows, strict=False)) for own in matrix])
 
 
-def _chain_rule(rates: Any, order: int) -> list[list[Any]]:
+def _chain_rule(rates: Any, count: int, lowest: int) -> list[list[Any]]:
     """Return the factors of the derivatives with respect to u in those with respect to the time, row by row."""
     first, second, third = rates
-    return [[first], [second, first**2], [third, 3 * first * second, first**3]][:order]
+    rows = [[first], [second, first**2], [third, 3 * first * second, first**3]]
+    if not lowest:
+        rows = [[1.0 + 0.0 * first], *([0.0 * first, *row] for row in rows)]
+    return rows[:count]
 
 
 def displacements(change: Float[Any, "6 3 n"], fine: bool = False, dense: bool = False) -> Float[Any, "3 nodes n"]:
@@ -125,10 +138,10 @@ def _values(problem: RouteProblem, s: Segments, fine: bool) -> Float[Any, "const
     inside = near(displacements(s.change, fine, problem.dense) + offset, tube)
     if not problem.names:
         return inside
-    r = derivatives(s.ends, order_of(problem.names), fine, problem.dense)
+    r = derivatives(problem, s.ends, fine)
     if problem.dense:
-        r = in_time(r, problem.fine_rates if fine else problem.rates)
-    return xp.concatenate([xp.stack(ratios(problem.names, r)) * units(problem, s.h, r.shape[1]), inside])
+        r = in_time(r, problem.fine_rates if fine else problem.rates, problem.first)
+    return xp.concatenate([xp.stack(ratios(problem.names, r, problem.clear)) * units(problem, s.h, r.shape[1]), inside])
 
 
 def bounds(problem: RouteProblem, s: Segments) -> Float[Any, "2 n"]:
@@ -166,26 +179,28 @@ def expand(
     `stiffness`.
     """
     away = displacements(s.change, dense=problem.dense) + problem.offset
-    r = derivatives(s.ends, order_of(problem.names), dense=problem.dense)
+    r = derivatives(problem, s.ends)
     unit = units(problem, s.h, r.shape[1])
     if problem.dense:
-        r = in_time(r, problem.rates)
+        r = in_time(r, problem.rates, problem.first)
     value, slope = np.empty((len(unit), *r.shape[1:])), np.empty((len(unit), *r.shape))
     curvature = np.zeros((len(r), *r.shape))
-    for k, g in enumerate(ratios(problem.names, coordinates(r))):
+    for k, g in enumerate(ratios(problem.names, coordinates(r), problem.clear)):
         value[k], slope[k] = unit[k] * g.value, unit[k] * g.gradient
         curvature += (unit[k] * weights[k]) * g.hessian
         curvature += (stiffness[k] * slope[k])[:, None] * slope[k]
     if problem.dense:
-        slope, curvature = _in_parameter(slope, curvature, problem.rates)
+        slope, curvature = _in_parameter(slope, curvature, problem.rates, problem.first)
     return Expansion(np.concatenate([value, near(away, problem.tube)]), slope, away), curvature
 
 
-def _in_parameter(slope: np.ndarray, curvature: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _in_parameter(
+    slope: np.ndarray, curvature: np.ndarray, rates: np.ndarray, lowest: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Convert derivatives with respect to those of the path in time to derivatives with respect to those in u."""
     order = slope.shape[1] // 3
     matrix = np.zeros((order, order, *rates.shape[1:]))
-    for k, own in enumerate(_chain_rule(rates, order)):
+    for k, own in enumerate(_chain_rule(rates, order, lowest)):
         matrix[k, : len(own)] = own
     first = slope.reshape(len(slope), order, 3, *slope.shape[2:])
     second = curvature.reshape(order, 3, order, 3, *curvature.shape[2:])

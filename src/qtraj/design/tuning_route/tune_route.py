@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from qtraj.design.limits import Limits, limits_of, require_limits
+from qtraj.design.obstacles.keep_out import refuse_obstacles
 from qtraj.design.proof.certificate import UNDEFINED
-from qtraj.design.tuning_route import along, circuit, rounds
+from qtraj.design.tuning_route import along, around, circuit, rounds
 from qtraj.design.tuning_route.arguments import fixed_states, half_widths, limited, require_route
 from qtraj.design.tuning_route.curves import joints_of, largest_of, spread
 from qtraj.design.tuning_route.geometry import moved_states
@@ -75,6 +76,10 @@ def tune_route(
     Limits may change along the way (`Along`). While the route changes, so do the distances: the limits of a segment are
     the strictest ones at the distances that it covers in the last result, and `certify` checks the final route.
 
+    Obstacles in `limits.keep_out`, which must not move, are avoided by the whole `body`. Where the given route enters
+    obstacles, the search starts on both sides of each of two of them, and on the nearer side of others; the best result
+    is returned. If obstacles and the tube contradict each other, `advice` says where.
+
     A `Shape` has no times: first its fastest timing is computed, a flying lap if it is closed, from which the search
     starts. The default objective is "fastest", and `closed` is that of the shape. The tube is by default that of its
     widths, less 1 m on both sides; or `tube` (n, 2) contains the distances [m] to the right and to the left at each
@@ -107,9 +112,9 @@ def tune_route(
     **Raises:** ValueError for a path that is not a route, a batch, arguments inside jit or vmap, a traced route in
     float32, an unknown objective, a limit on the natural trihedral (which does not exist on straights) or on forces,
     "fastest" without a limit that bounds the speed, half-widths that are not positive, a wrong shape, or a `closed`
-    route that does not end where it starts, has only one segment, or has different half-widths at its ends; for a shape
-    also without widths and tube, with edges nearer than the margins, and without a fastest timing. RuntimeError with
-    `throw` if a limit is not proved to be satisfied.
+    route that does not end where it starts, has only one segment, or has different half-widths at its ends; a fixed end
+    inside an obstacle; for a shape also without widths and tube, with edges nearer than the margins, and without a
+    fastest timing. RuntimeError with `throw` if a limit is not proved to be satisfied.
     """
     route, limits = in_float64((route, limits))
     if isinstance(route, Shape):
@@ -126,6 +131,7 @@ def tune_route(
 
     if is_traced(route, limits, tube):
         limits.require_constant("tune_route inside grad or jvp", "omit the derivatives")
+        refuse_obstacles(limits, "tune_route inside grad or jvp", "omit the derivatives")
         result = differentiable(route, limits, tube, names, objective, solve)
     else:
         result = solve(route, limits, tube).result
@@ -151,8 +157,17 @@ def _solution(
     widths = half_widths(tube, joints, closed)[[own.start for own in rows]]
     every = fixed_states(fixed, joints, closed)
     held = np.stack([every[own].any(axis=0) for own in rows])
+    own, starts = around.clears(limits), given.states[:-1, 0] + np.asarray(route.origin)
+    around.require_possible(route, limits, held)
+    names = (*names, *(x.name for x in own))
     bounds = along.typical(limits)
-    problem = problem_of(given, names, bounds, widths, held, objective, objective == "smoothest", closed)
+
+    def posed(bounds: np.ndarray, held: np.ndarray, objective: str, kept: bool) -> RouteProblem:
+        every = np.append(bounds, np.ones(len(own)))
+        problem = problem_of(given, names, every, widths, held, objective, kept, closed)
+        return around.with_obstacles(problem, starts, own)
+
+    problem = posed(bounds, held, objective, objective == "smoothest")
     if limits.varying:
         problem = problem._replace(local=along.local_squares(route, limits, given.curves, closed))
     found = _unchanged(route, given, limits, widths, problem)
@@ -160,25 +175,41 @@ def _solution(
     smooth = not np.any(problem.offset) and not _jumps(route, given)
     undefined = _undefined(found, moving)
     if moving.any() and not undefined and not (objective == "nearest" and smooth and found.proved):
-        found = rounds.solved(route, given, limits, widths, problem, max_steps)
+        begins = around.starts(problem, own) if own else [None]
+        each = [rounds.solved(route, given, limits, widths, problem, max_steps, begin) for begin in begins]
+        found = min(each, key=lambda x: _rank(x, objective))
     advice = ""
     if found.missed is not None and found.proved and limits.varying:
         advice = "Widen the tube, or relax the limits where they are violated."
+    elif found.missed is not None and found.proved and found.missed[len(bounds) : -2].any():
+        times = np.append(0.0, np.cumsum(given.stretch * given.h))
+        where = around.where_missed(problem, found.missed, times)
+        advice = (
+            f"The obstacles and the tube or other limits contradict each other: {where} of the given route. Widen the "
+            "tube there, move its ends, or relax the other limits."
+        )
     elif found.missed is not None and found.proved:
 
         def solves(change: Change) -> bool:
-            own = held.copy()
-            own[[0, -1]] &= not change.free_ends
-            values = np.array([change.limits[name] for name in names])
-            kept = change.objective == "smoothest"
-            changed = problem_of(given, names, values, widths, own, change.objective, kept, closed)
-            return rounds.feasible(route, given, limits_of(change.limits), widths, changed, max_steps)
+            free = held.copy()
+            free[[0, -1]] &= not change.free_ends
+            values = np.array([*change.limits.values()])
+            changed = posed(values, free, change.objective, change.objective == "smoothest")
+            relaxed = limits_of(change.limits, keep_out=limits.keep_out, body=limits.body)
+            return rounds.feasible(route, given, relaxed, widths, changed, max_steps)
 
-        values = dict(zip(names, bounds.tolist(), strict=True))
+        values = dict(zip(names[: len(bounds)], bounds.tolist(), strict=True))
         advice = remedy(values, found, objective, bool(held[[0, -1]].any()), solves)
     code = ResultCode.limits_undefined if undefined else _code(found, names)
     result = _result(given, problem, found, moving, objective, code, advice)
     return Solution(result, found.problem, found.z, found.at, given.curves)
+
+
+def _rank(found: rounds.Found, objective: str) -> tuple[bool, bool, float]:
+    """Return a key that is smaller for a better result."""
+    duration = float(found.judged.route.duration)
+    value = duration if objective == "fastest" else float(rounds.attained(found.problem, found.z))
+    return not found.proved, found.missed is not None, value
 
 
 def _undefined(found: rounds.Found, moving: np.ndarray) -> bool:
