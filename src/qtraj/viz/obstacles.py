@@ -46,7 +46,8 @@ def draw_body(
     if limits.body is None:
         return
     shift = np.zeros(2) if centre is None else np.asarray(centre, float)
-    position, velocity = (np.asarray(x) for x in path.sampled(np.asarray(times, float), 1))
+    instants: Any = np.asarray(times, float)
+    position, velocity = (np.asarray(x) for x in path.sampled(instants, 1))
     centres = np.asarray(limits.body.centres(position, velocity))
     for row, radius in zip(centres, np.asarray(limits.body.radii, float), strict=True):
         for point in row:
@@ -57,15 +58,16 @@ def _patch(obstacle: Any, shift: Float[np.ndarray, " 2"]) -> Any:
     """Return the area that an obstacle covers, or None."""
     if isinstance(obstacle, ConvexPolygon):
         return Polygon(np.asarray(obstacle.vertices) - shift, **FILL)
+    at: Any = None if obstacle.track is None else np.asarray(obstacle.track)[0, :2] - shift
     if isinstance(obstacle, Ball):
-        return Circle(np.asarray(obstacle.centre)[0, :2] - shift, float(obstacle.radius), **FILL)
+        return Circle(at, float(obstacle.radius), **FILL)
     if isinstance(obstacle, Cylinder) and _upright(obstacle):
-        return Circle(np.asarray(obstacle.point)[0, :2] - shift, float(obstacle.radius), **FILL)
+        return Circle(at, float(obstacle.radius), **FILL)
     if isinstance(obstacle, Ellipsoid):
         values, axes = np.linalg.eigh(np.asarray(obstacle.shape, float)[:2, :2])
         angle = np.degrees(np.arctan2(axes[1, 1], axes[0, 1]))
         width, height = 2 * np.sqrt(values[::-1])
-        return Ellipse(np.asarray(obstacle.centre)[0, :2] - shift, width, height, angle=angle, **FILL)
+        return Ellipse(at, width, height, angle=angle, **FILL)
     return None
 
 

@@ -55,7 +55,7 @@ class Ball(AbstractObstacle):
         """Return the obstacle as seen from its centre if it moves."""
         return Ball(0.0 * self.centre[0], self.radius) if self.moves else self
 
-    def distance(self, points: Float[Array, "*n 3"], times: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    def distance(self, points: Float[Any, "*n 3"], times: Float[Any, "*n"]) -> Float[Any, "*n"]:
         """Return the distances [m] of points (..., 3) at the times (...) [s], negative inside."""
         return norm(points - point_at(self.centre, times)) - self.radius
 

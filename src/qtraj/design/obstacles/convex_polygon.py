@@ -54,7 +54,7 @@ class ConvexPolygon(AbstractObstacle):
     def __repr__(self) -> str:
         return f"ConvexPolygon({self.vertices.shape[0]} vertices)"
 
-    def distance(self, points: Float[Array, "*n 3"], times: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    def distance(self, points: Float[Any, "*n 3"], times: Float[Any, "*n"]) -> Float[Any, "*n"]:
         """Return the distances [m] of points (..., 3), negative inside; height and times do not matter."""
         shape = (*points.shape[:-1], *self.vertices.shape)
         start, edge = self.vertices, xp.roll(self.vertices, -1, axis=0) - self.vertices
@@ -125,7 +125,7 @@ def _sense(vertices: Float[np.ndarray, "m 2"]) -> int:
     # A polygon that turns to one side everywhere may still wind around several times, as a star does.
     sense = 1 if turns[0] > 0 else -1
     angles = np.arctan2(*np.array([[float(y), float(x)] for x, y in edges]).T)
-    total = np.sum((sense * np.diff(np.append(angles, angles[0]))) % (2 * np.pi))
+    total = np.sum(np.mod(float(sense) * np.diff([*angles.tolist(), float(angles[0])]), 2 * np.pi))
     if not all(sense * x > 0 for x in turns) or total > 3 * np.pi:
         raise ValueError(
             "the vertices of a polygon must be the corners of a convex polygon in order, without three corners in a "

@@ -62,7 +62,7 @@ class Cylinder(AbstractObstacle):
         """Return the obstacle as seen from its point if it moves."""
         return Cylinder(0.0 * self.point[0], self.axis, self.radius) if self.moves else self
 
-    def distance(self, points: Float[Array, "*n 3"], times: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    def distance(self, points: Float[Any, "*n 3"], times: Float[Any, "*n"]) -> Float[Any, "*n"]:
         """Return the distances [m] of points (..., 3) at the times (...) [s], negative inside."""
         away = points - point_at(self.point, times)
         return norm(cross(xp.broadcast_to(self.axis, away.shape), away)) / norm(self.axis) - self.radius

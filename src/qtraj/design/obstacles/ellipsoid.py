@@ -70,7 +70,7 @@ class Ellipsoid(AbstractObstacle):
         """Whether `outside` is stricter than necessary on long parts of a path: here, for bodies with a radius."""
         return True
 
-    def distance(self, points: Float[Array, "*n 3"], times: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    def distance(self, points: Float[Any, "*n 3"], times: Float[Any, "*n"]) -> Float[Any, "*n"]:
         """Return the distances [m] of points (..., 3) at the times (...) [s], negative inside.
 
         Inside, the result is (√((r − c)ᵀ P⁻¹ (r − c)) − 1) times the smallest semi-axis, whose magnitude is at most the

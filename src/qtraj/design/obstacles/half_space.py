@@ -6,7 +6,7 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from qtraj.algebra.combined_claims import AnyClaim
 from qtraj.algebra.vector import norm
@@ -49,7 +49,7 @@ class HalfSpace(AbstractObstacle):
     def __repr__(self) -> str:
         return f"HalfSpace({shown_point(self.normal[None])}, {self.offset:.6g} m)"
 
-    def distance(self, points: Float[Array, "*n 3"], times: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    def distance(self, points: Float[Any, "*n 3"], times: Float[Any, "*n"]) -> Float[Any, "*n"]:
         """Return the distances [m] of points (..., 3), negative inside; the times do not matter."""
         return ((points * xp.broadcast_to(self.normal, points.shape)).sum(axis=-1) - self.offset) / norm(self.normal)
 

@@ -23,7 +23,7 @@ def intervals(
     """Return pairs of the index of an obstacle and an interval (start, end) [s], in order."""
     result = []
     for j, obstacle in enumerate(obstacles):
-        for i in np.flatnonzero(found.codes[:, j] == BROKEN):
+        for i in np.flatnonzero(found.codes[:, j] == BROKEN).tolist():
             for a, b in _of_piece(Samples([pieces[i]], body), obstacle):
                 start, end = np.ravel(pieces[i].report(np.array([a, b])))
                 result.append((j, (float(start), float(end))))

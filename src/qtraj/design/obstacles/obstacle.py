@@ -24,7 +24,7 @@ class AbstractObstacle(eqx.Module):
     """A closed set of points that no ball of the body may enter."""
 
     @abc.abstractmethod
-    def distance(self, points: Float[Array, "*n 3"], times: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    def distance(self, points: Float[Any, "*n 3"], times: Float[Any, "*n"]) -> Float[Any, "*n"]:
         """Return the distances [m] of points [m] from the obstacle at the times [s], negative inside."""
 
     @abc.abstractmethod
@@ -93,7 +93,7 @@ def moving_point(given: ArrayInput, name: str) -> Float[Array, "terms 3"]:
     return found.reshape(-1, 3)
 
 
-def point_at(coefficients: Float[Array, "terms 3"], times: Any) -> Any:
+def point_at(coefficients: Float[Any, "terms 3"], times: Any) -> Any:
     """Return the positions (..., 3) of a moving point at times (...) [s]."""
     t = xp.asarray(times)[..., None]
     shape = (*t.shape[:-1], 3)

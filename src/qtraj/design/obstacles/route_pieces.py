@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from qtraj.algebra.exact import ExactPolynomial
@@ -24,7 +26,8 @@ def route_pieces(route: Route, in_time: bool, turns: bool) -> list[Piece]:
     With `turns`, the direction matters.
     """
     segments = segments_of(route)
-    composed, moving = segments.composed, segments.coefficients[:, 1:].any(axis=(1, 2))
+    composed: Any = segments.composed
+    moving = np.asarray(segments.coefficients[:, 1:].any(axis=(1, 2)))
     signs = _signs(route, segments) if turns else np.ones(len(moving), int)
     found = []
     for i in range(len(moving)):

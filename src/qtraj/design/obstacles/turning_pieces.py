@@ -57,7 +57,7 @@ def turning_pieces(path: AbstractHodograph, turns: bool) -> list[Piece] | None:
         return ExactPolynomial([0]) if c is None else ExactPolynomial.from_floats(np.asarray(c, float)).substituted(h)
 
     matrix, origin = _placement(found.placement)
-    own = _Path(*map(exact, (found.x, found.y, found.z, found.angle)), matrix, origin, h)
+    own = _Path(exact(found.x), exact(found.y), exact(found.z), exact(found.angle), matrix, origin, h)
     pieces, cells = [], [(0.0, 1.0)]
     while cells:
         start, end = cells.pop()

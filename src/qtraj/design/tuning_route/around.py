@@ -85,7 +85,7 @@ def starts(problem: RouteProblem, own: tuple[Clear, ...]) -> list[np.ndarray]:
     found = []
     for name in dict.fromkeys(x.name for x in own):
         rows = [k for k, x in enumerate(own) if x.name == name]
-        inside = hit[rows].any(axis=(0, 1))
+        inside = np.asarray(hit[rows].any(axis=(0, 1)))
         if inside.any():
             found.append([_shifted(problem, own, rows, inside, side) for side in (1.0, -1.0)])
     if not found:
