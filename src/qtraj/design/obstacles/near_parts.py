@@ -43,8 +43,8 @@ class NearParts:
 
     def of(self, obstacle: AbstractObstacle, offset: Sequence[float], radius: float) -> list[list[tuple[float, float]]]:
         """Return, for each piece, the intervals of fractions in which a ball of the body may be near an obstacle."""
-        relative = self._relative(obstacle)
-        still, size = obstacle.at_rest(), np.abs(relative).sum(axis=(0, 2)) + np.abs(offset).sum() + radius
+        relative, terms = self._relative(obstacle)
+        still, size = obstacle.at_rest(), terms + np.abs(offset).sum() + radius
         position, direction = _bernstein(relative), self._directions
         piece, low, found = np.arange(self._count), np.zeros(self._count), []
         body, numbers = Body([offset], [0.0]), size + obstacle.size
@@ -66,18 +66,23 @@ class NearParts:
             piece = np.tile(piece[more], 2)
         return _joined(found, self._count)
 
-    def _relative(self, obstacle: AbstractObstacle) -> Parts:
-        """Return the coefficients of the position relative to a moving obstacle, or of the position itself."""
+    def _relative(self, obstacle: AbstractObstacle) -> tuple[Parts, np.ndarray]:
+        """Return the coefficients of the position relative to a moving obstacle, or of the position itself.
+
+        The second result (n,) is the sum of the magnitudes of all terms that were added.
+        """
+        size = np.abs(self._position).sum(axis=(0, 2))
         if not obstacle.moves:
-            return self._position
+            return self._position, size
         track, power = np.asarray(obstacle.track, float), np.ones((1, self._count, 1))
         terms = max(len(self._position), (len(self._time) - 1) * (len(track) - 1) + 1)
         found = np.zeros((terms, self._count, 3))
         found[: len(self._position)] = self._position
         for row in track:
             found[: len(power)] -= power * row
+            size = size + np.abs(power).sum(axis=(0, 2)) * np.abs(row).sum()
             power = _product(power, self._time)
-        return found
+        return found, size
 
     def _centres(
         self, body: Body, middle: np.ndarray, direction: Parts, ahead: np.ndarray, piece: np.ndarray
