@@ -10,6 +10,7 @@ PAGES = {
     "turns": "A slew of 90° with five profiles under the same limits on rate and acceleration: smoother profiles take "
     "longer.",
     "braking": "The fastest timing along a winding road, with 4 m/s² of braking and 1.5 m/s² of acceleration.",
+    "obstacles": "A road past two obstacles, given and tuned for a car of three discs.",
     "zones": "The fastest timing along the same road with a speed limit of 30 km/h from 150 m to 250 m.",
     "work_precision": "Which method propagates an attitude most accurately for its work: lower and farther left is "
     "better.",

@@ -36,6 +36,7 @@ DRAWN_BY = {
     "orientation": "docs/pictures.py:orientation",
     "turns": "docs/pictures.py:turns",
     "braking": "docs/pictures.py:braking",
+    "obstacles": "docs/pictures.py:obstacles",
     "zones": "docs/pictures.py:zones",
     "work_precision": "benchmarks/accuracy/figures.py:work_precision_figure",
     "closed_loop_errors": "benchmarks/accuracy/figures.py:closed_loop_errors_figure",

@@ -21,6 +21,7 @@ jax.config.update("jax_enable_x64", True)
 import qtraj as qt  # noqa: E402
 from qtraj.io.dataset import path_dataset  # noqa: E402
 from qtraj.viz import figures  # noqa: E402
+from qtraj.viz.obstacles import draw_body, draw_obstacles  # noqa: E402
 from qtraj.viz.style import RC  # noqa: E402
 
 FOLDER = Path(__file__).with_name("figures")
@@ -152,6 +153,33 @@ def braking() -> Figure:
     return qt.speed_profile(timed).plot("Braking with 4 m/s², accelerating with 1.5 m/s²")
 
 
+def obstacles() -> Figure:
+    """A road past two obstacles, given and tuned, and the three discs of a car at some instants."""
+    x = np.linspace(0.0, 60.0, 7)
+    states = (np.stack([v, 0 * x, 0 * x], axis=1) for v in (x, 0 * x + 5.0, 0 * x))
+    given = qt.Route(x / 5.0, *states)
+    walls = qt.ConvexPolygon([[37, -4], [44, -4], [44, -0.5], [37, -0.5]])
+    limits = qt.Limits(
+        speed=7.0,
+        lateral_acceleration=2.5,
+        keep_out=[qt.Ball([17.0, 0.4, 0.0], 1.2), walls],
+        body=[(-1.3, 1.1), (0.0, 1.1), (1.3, 1.1)],
+    )
+    best = qt.tune_route(given, limits, tube=4.0)
+    with mpl.rc_context(RC):
+        figure = Figure(figsize=(7.2, 1.9))
+        axes = figure.add_axes((0.08, 0.24, 0.9, 0.72))
+        draw_obstacles(axes, limits)
+        for path, label, color in ((given, "given", "0.5"), (best.path, "tuned", BODY)):
+            r = np.asarray(path.sampled(np.linspace(0, float(path.duration), 301), 0)[0])
+            axes.plot(*r[:, :2].T, color=color, lw=1.2, label=label)
+        draw_body(axes, limits, best.path, np.linspace(0, float(best.path.duration), 11))
+        axes.set_aspect("equal")
+        axes.set(xlabel="x [m]", ylabel="y [m]", xlim=(-4, 64), ylim=(-5, 5))
+        axes.legend(loc="upper right", fontsize=8, ncols=2)
+    return figure
+
+
 def zones() -> Figure:
     """The fastest timing along the same road with limits on the speed that change along the way."""
     points = [[0, 0, 0], [60, 0, 0], [110, 30, 0], [130, 80, 0], [180, 100, 0], [250, 90, 0], [300, 60, 0]]
@@ -168,6 +196,7 @@ PICTURES: dict[str, Callable[[], Figure]] = {
     "orientation": orientation,
     "turns": turns,
     "braking": braking,
+    "obstacles": obstacles,
     "zones": zones,
 }
 """The name of each file, and the function that draws it."""

@@ -16,6 +16,12 @@ from .design.fitting.fit_route import fit_route as fit_route
 from .design.fitting.fitted import Fitted as Fitted
 from .design.fitting.fitted_route import FittedRoute as FittedRoute
 from .design.limits import Limits as Limits
+from .design.obstacles.ball import Ball as Ball
+from .design.obstacles.clearance import clearance as clearance
+from .design.obstacles.convex_polygon import ConvexPolygon as ConvexPolygon
+from .design.obstacles.cylinder import Cylinder as Cylinder
+from .design.obstacles.ellipsoid import Ellipsoid as Ellipsoid
+from .design.obstacles.half_space import HalfSpace as HalfSpace
 from .design.peaks import peak as peak
 from .design.proof.certificate import Certificate as Certificate
 from .design.proof.certify import certify as certify

@@ -12,8 +12,8 @@ import pytest
 
 import qtraj as qt
 
-LONGEST = 1100
-"""Characters of a signature, on eleven lines of a terminal."""
+LONGEST = 1200
+"""Characters of a signature, on twelve lines of a terminal; the longest one is that of `Limits`."""
 NAMES = [n for n in qt.__all__ if callable(getattr(qt, n)) and not isinstance(getattr(qt, n), types.ModuleType)]
 
 

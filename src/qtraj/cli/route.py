@@ -95,7 +95,7 @@ def _tuned(
 
     watch.say("fitting the route")
     task = fit_recording(loaded)
-    if not task.limits.given():
+    if not (task.limits.given() or task.limits.keep_out):
         return task, None, None
     watch.say("checking the limits")
     certificate = certify(task.fitted.path, task.limits)

@@ -111,7 +111,7 @@ def _tuned(loaded: "ScenarioFile[Any]", overrides: tuple[str | None, str | None,
     from qtraj.design.proof.certify import certify
     from qtraj.path.change import compare_paths
 
-    if not loaded.scenario.limits.limits():
+    if not (loaded.scenario.limits.limits() or loaded.scenario.limits.keep_out):
         raise ValueError(f"{loaded.file}: the table [limits] is missing or empty, but tuning needs at least one limit")
     watch.say("fitting the recording" if loaded.scenario.track else "constructing the path")
     task: PathTask = KINDS["path"].build(loaded, *overrides)

@@ -1,13 +1,15 @@
-"""The numbers by which limits on moments are divided, so that they apply to ratios of polynomials."""
+"""The numbers by which limits are divided, or their quantities multiplied, so that they apply to simple ratios."""
 
 from collections.abc import Iterable
 from typing import Any
 
 import jax.numpy as jnp
+import numpy as np
 
+from qtraj.foundation.arrays import concrete
 from qtraj.path.path_quantity import PathQuantity
 from qtraj.path.quantity import quantity
-from qtraj.path.vehicle import RoadParameters
+from qtraj.path.vehicle import RoadParameters, fixed_parameters
 
 FACTOR_ROUNDINGS, TINY = 16, 1e-30
 """Terms that are added to a divisor, relative to the sum of the moments of inertia about τ and b.
@@ -27,6 +29,27 @@ def divisors(names: Iterable[str], road: RoadParameters) -> dict[str, Any]:
     angle, a bound on the rounding errors of the moments of inertia is added to the divisor, and proofs include it.
     """
     return {name: 1.0 if quantity(name).factor is None else _divisor(quantity(name), road) for name in names}
+
+
+def reduced(limits: Any, dtype: Any = None) -> dict[str, Any]:
+    """Return the limits that are set, divided by their `divisors` or as tangents, as searches use them.
+
+    The results are NumPy arrays if limits and vehicle have concrete values.
+    """
+    results = {}
+    for name, limit in limits.constant().items():
+        known = concrete(limit)
+        divisor = divisors([name], limits.road(limit.dtype if dtype is None else dtype))[name]
+        results[name] = quantity(name).tangent(limit if known is None else np.asarray(known)) / divisor
+    return results
+
+
+def factors(limits: Any, dtype: Any = None) -> tuple[Any, ...]:
+    """Return `PathQuantity.scale` of each quantity whose limit is set, in the order of `Limits.given`.
+
+    It depends on the inertia of the vehicle, and is 1 for a quantity without a factor.
+    """
+    return tuple(quantity(name).scale(fixed_parameters(limits.vehicle, dtype)) for name in limits.given())
 
 
 def _divisor(entry: PathQuantity, road: RoadParameters) -> Any:

@@ -3,24 +3,24 @@
 from __future__ import annotations  # so that `help` shows short names
 
 import dataclasses
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
-import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.design.along import Variable
 from qtraj.design.bound import Bound, Limit, OneBound, Sides, bound_of, by_side, joined_sides, part_of
-from qtraj.design.divisors import divisors
 from qtraj.design.ellipse import Ellipse
 from qtraj.design.limit_checks import forces_along, refuse_changing, refuse_unknown, require_needs, require_shapes
 from qtraj.design.margins import margins_of, road_at, values_of
+from qtraj.design.obstacles.body import Body, BodyInput, body_of
+from qtraj.design.obstacles.keep_out import clearances_at, obstacles_of
+from qtraj.design.obstacles.obstacle import AbstractObstacle
 from qtraj.design.own_limits import OwnInput, OwnLimits, own_limits
 from qtraj.design.regions import Regions
 from qtraj.design.timing.constraints import NAMES
 from qtraj.foundation.argument import require_type
-from qtraj.foundation.arrays import concrete
 from qtraj.foundation.document import storable
 from qtraj.foundation.shown import shown, shown_html
 from qtraj.foundation.types import Scalar, ScalarLike
@@ -80,6 +80,10 @@ class Limits(eqx.Module):
 
     `own` contains limits on quantities of one's own, such as `own={climb: (-2.0, 3.0)}` (see `Quantity`).
 
+    `keep_out` is a list of obstacles (`Ball`, `Cylinder`, `Ellipsoid`, `HalfSpace`, `ConvexPolygon`) that the `body`
+    must not enter: a point, or a list of balls `(offset, radius)` [m]. An offset is in the direction of travel, or (3,)
+    forwards, to the left and upwards.
+
     **Raises:** TypeError for the name of an unknown limit. ValueError for a limit that is neither a positive, finite
     number nor a pair of finite numbers in ascending order, for a pair for a moment, for a negative lower bound on a
     quantity that is never negative, for an angle that is too large, and for a limit without the vehicle, the inertia
@@ -121,6 +125,8 @@ class Limits(eqx.Module):
     combined_acceleration: Ellipse | None
     vehicle: Vehicle | None
     own: OwnLimits | None
+    keep_out: tuple[AbstractObstacle, ...] | None
+    body: Body | None
 
     def __init__(
         self,
@@ -159,6 +165,8 @@ class Limits(eqx.Module):
         combined_acceleration: Limit = None,
         vehicle: Vehicle | None = None,
         own: OwnInput = None,
+        keep_out: Sequence[AbstractObstacle] | None = None,
+        body: BodyInput = None,
         **unknown: Any,
     ):
         given = {name: limit for name, limit in locals().items() if name in LIMITED}
@@ -166,6 +174,8 @@ class Limits(eqx.Module):
         for name, limit in given.items():
             setattr(self, name, bound_of(limit, name))
         self.vehicle, self.own = vehicle, own_limits(own)
+        self.body = body_of(body)
+        self.keep_out = obstacles_of(keep_out, self.body)
         require_needs(self._bounds(), vehicle)
 
     def __repr__(self) -> str:
@@ -196,8 +206,9 @@ class Limits(eqx.Module):
         return self.only([name for name in self.given() if quantity(name).of_shape])
 
     def only(self, names: Collection[str]) -> Limits:
-        """Return the bounds in `names`, with the vehicle if one of them uses it."""
+        """Return the bounds in `names`, with the vehicle if one of them uses it, and without obstacles."""
         kept: dict[str, Any] = {name: part_of(bound, name, names) for name, bound in self._bounds().items()}
+        kept |= {"keep_out": None, "body": None}
         if not any(quantity(name).uses_vehicle for name, bound in kept.items() if bound is not None):
             kept["vehicle"] = None
         if self.own is not None:
@@ -207,7 +218,7 @@ class Limits(eqx.Module):
             lambda x: [getattr(x, name) for name in kept],
             self,
             list(kept.values()),
-            is_leaf=lambda x: x is None or isinstance(x, Sides | Variable | Vehicle | OwnLimits),
+            is_leaf=lambda x: x is None or type(x) is tuple or isinstance(x, _FIELDS),
         )
 
     @property
@@ -220,7 +231,7 @@ class Limits(eqx.Module):
         if not any(isinstance(bound, Regions) for bound in self.given().values()):
             return self
         own = {n: x.along(path, quantity(n).side) for n, x in self.given().items() if isinstance(x, Regions)}
-        return limits_of(self.given() | own, self.vehicle)
+        return limits_of(self.given() | own, self.vehicle, keep_out=self.keep_out, body=self.body)
 
     def require_constant(self, what: str, instead: str) -> None:
         """Raise a ValueError if a limit changes along the way or with the speed, which `what` does not support."""
@@ -240,25 +251,6 @@ class Limits(eqx.Module):
     def along_road(self) -> list[str]:
         """The names of the bounds on forces of a road that changes along the way."""
         return forces_along(self.vehicle, self.given())
-
-    def reduced(self, dtype: Any = None) -> dict[str, Any]:
-        """Return the limits that are set, divided by their `divisors` or as tangents, as searches use them.
-
-        The results are NumPy arrays if limits and vehicle have concrete values.
-        """
-        results = {}
-        for name, limit in self.constant().items():
-            known = concrete(limit)
-            divisor = divisors([name], self.road(limit.dtype if dtype is None else dtype))[name]
-            results[name] = quantity(name).tangent(limit if known is None else np.asarray(known)) / divisor
-        return results
-
-    def factors(self, dtype: Any = None) -> tuple[Any, ...]:
-        """Return `PathQuantity.scale` of each quantity whose limit is set, in the order of `given`.
-
-        It depends on the inertia of the vehicle, and is 1 for a quantity without a factor.
-        """
-        return tuple(quantity(name).scale(fixed_parameters(self.vehicle, dtype)) for name in self.given())
 
     def require_batch(self, batch: tuple[int, ...], what: str) -> None:
         """Raise a ValueError if limits or vehicle have another batch shape than () and `batch`, that of `what`."""
@@ -280,14 +272,20 @@ class Limits(eqx.Module):
         distance to `t` is computed by quadrature.
         """
         require_path(path)
-        return margins_of(self.on(path).given(), path, t, road_at(self, path, t))
+        own = {} if self.keep_out is None else clearances_at(self.keep_out, self.body, path, t)
+        return margins_of(self.on(path).given(), path, t, road_at(self, path, t)) | own
 
 
-def limits_of(bounds: Mapping[str, Any], vehicle: Vehicle | None = None) -> Limits:
-    """Return the limits with these bounds, whose names are those of `Limits.given`."""
+_FIELDS = Sides | Variable | Vehicle | OwnLimits | Body
+"""The kinds of fields of `Limits`, other than numbers."""
+
+
+def limits_of(bounds: Mapping[str, Any], vehicle: Vehicle | None = None, **obstacles: Any) -> Limits:
+    """Return the limits with these bounds, whose names are those of `Limits.given`; `obstacles` are further fields."""
     fields = joined_sides(bounds)
     others: Any = {name: bound for name, bound in fields.items() if isinstance(name, OwnName)}
-    return Limits(**{name: x for name, x in fields.items() if name not in others}, vehicle=vehicle, own=others)
+    own = {name: x for name, x in fields.items() if name not in others}
+    return Limits(**own, vehicle=vehicle, own=others, **obstacles)
 
 
 def require_limits(limits: Limits) -> None:

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 from qtraj.algebra.cpu import inverse_root
 from qtraj.foundation.argument import require_type
+from qtraj.path.clearance_quantity import CLEARANCE, names_obstacle
 from qtraj.path.combined_quantity import COMBINED, COMBINED_QUANTITY
 from qtraj.path.frenet import binormal_numerator, natural_acceleration, tangential_numerator, yaw
 from qtraj.path.gravity_quantities import GRAVITY_QUANTITIES
@@ -281,6 +282,8 @@ def quantity(name: str) -> PathQuantity:
     if isinstance(name, OwnName):
         return name.entry
     require_type(name, str, "the name of a path quantity", "a string such as 'curvature'")
+    if names_obstacle(name):
+        return CLEARANCE
     if name not in _KNOWN:
         known = ", ".join((*QUANTITIES, CORRIDOR.name))
         raise ValueError(

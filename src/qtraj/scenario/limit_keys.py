@@ -16,6 +16,10 @@ from qtraj.path.quantity import COMBINED, QUANTITIES, quantity
 from qtraj.path.sides import has_sides
 from qtraj.scenario import keys
 from qtraj.scenario.keys import Part, key
+from qtraj.scenario.obstacle_part import BodyBallPart, ObstaclePart
+
+OBSTACLES = ("keep_out", "body")
+"""Keys of [limits] that are no limits on quantities."""
 
 
 class LimitedPart(Part):
@@ -38,18 +42,34 @@ class LimitedPart(Part):
     30], lower = [-6, -6, -4], upper = [3, 3, 0.8]}, where lower or upper may be omitted, or lateral_acceleration =
     {speeds = [0, 30], magnitude = [9, 7]}. combined_acceleration = {braking = 8, accelerating = 3, lateral = 9} is an
     ellipse, whose values may also be tables with speeds and a magnitude.
+
+    Obstacles are tables [[limits.keep_out]], such as ball = {centre = [17.0, 0.4, 0.0], radius = 1.2}, and the balls of
+    the body that keeps clear of them are tables [[limits.body]].
     """
 
     def limits(self) -> dict[str, Any]:
         """Return the limits that are set, by name: numbers, pairs, or one of the forms above."""
-        return {name: _bound(value) for name, value in self.model_dump().items() if value is not None}
+        given = self.model_dump(exclude=set(OBSTACLES))
+        return {name: _bound(value) for name, value in given.items() if value is not None}
+
+    def obstacles(self) -> dict[str, Any]:
+        """Return the obstacles and the body, as arguments of `Limits`."""
+        parts: Any = self
+        keep_out, body = parts.keep_out, parts.body
+        return {
+            "keep_out": None if keep_out is None else [x.obstacle() for x in keep_out],
+            "body": None if not body else [(x.offset, x.radius) for x in body],
+        }
 
     def columns(self) -> dict[str, LimitColumn]:
         """Return the columns of the limits that the recording contains, by the names of the limits."""
         return {name: x for name, x in self.limits().items() if isinstance(x, LimitColumn)}
 
     def _faults(self) -> Iterator[str]:
-        for name, value in self.model_dump().items():
+        parts: Any = self
+        if parts.body is not None and not parts.keep_out:
+            yield "[[limits.body]] needs obstacles, in [[limits.keep_out]]"
+        for name, value in self.model_dump(exclude=set(OBSTACLES)).items():
             try:
                 if not isinstance(bound := _bound(value), LimitColumn):
                     bound_of(bound, name)
@@ -154,6 +174,14 @@ _limits[COMBINED] = (
         None,
         values="a table {braking = …, accelerating = …, lateral = …} of positive numbers or tables by speed [m/s²]",
     ),
+)
+_limits["keep_out"] = (
+    list[ObstaclePart] | None,
+    key("obstacles that the body must not enter", None, values="tables [[limits.keep_out]]"),
+)
+_limits["body"] = (
+    list[BodyBallPart] | None,
+    key("the balls of the body; default: the point of the path", None, values="tables [[limits.body]]"),
 )
 LimitsPart = create_model("LimitsPart", __base__=LimitedPart, __doc__=LimitedPart.__doc__, **_limits)
 """The table [limits]."""

@@ -86,7 +86,8 @@ class LimitedScenario(NamedPart):
         Limits in columns are those of the `recording`, along the `path` fitted to it; without them, they are left out.
         """
         bounds = {name: along_path(name, x, recording, path) for name, x in self.limits.limits().items()}
-        return Limits(**bounds, vehicle=self.vehicle and self.vehicle.vehicle(beside))
+        vehicle = self.vehicle and self.vehicle.vehicle(beside)
+        return Limits(**bounds, vehicle=vehicle, **self.limits.obstacles())
 
 
 class PathScenario(LimitedScenario):

@@ -101,7 +101,7 @@ class RouteScenario(LimitedScenario):
 
     def _faults(self) -> Iterator[str]:
         yield from super()._faults()
-        if self.tune is not None and not self.limits.limits():
+        if self.tune is not None and not (self.limits.limits() or self.limits.keep_out):
             yield "[tune] needs limits: add a table [limits]"
         if self.tune is not None:
             require_suitable(tuple(self.limits.limits()), self.tune.objective)

@@ -13,11 +13,13 @@ import xarray
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
+from qtraj.design.limits import Limits
 from qtraj.foundation.units import symbol
 from qtraj.io.dataset import bounded_values, limited_variables, limits_along, limits_of
 from qtraj.viz.drawable import path_samples
 from qtraj.viz.extent import beside
 from qtraj.viz.map_colours import map_colours
+from qtraj.viz.obstacles import draw_obstacles
 from qtraj.viz.report.along import match
 from qtraj.viz.report.ranges import spike
 from qtraj.viz.road_panels import draw_road, road_panels
@@ -30,12 +32,13 @@ LATERAL = "to the left\nof before"
 """Label of the lateral distance of the path after a tuning from the path before."""
 
 
-def route_figure(dataset: Any) -> Figure:
+def route_figure(dataset: Any, limits: Limits | None = None) -> Figure:
     """Plot the last path of a dataset as a map, and its height, speed and limited quantities against the distance.
 
     If the last two paths are "before" and "after", both are drawn, with the lateral distance of "after" from "before".
     `dataset` is the result of `qtraj.io.dataset.path_dataset`, or a path that can be converted to it. Recorded
-    positions are drawn as points behind the line of the path. Where a quantity violates its limit, the curve is red.
+    positions are drawn as points behind the line of the path, and so are the obstacles of `limits`. Where a quantity
+    violates its limit, the curve is red.
 
     **Raises:** ValueError for a dataset without paths, or an object of any other type.
     """
@@ -52,6 +55,8 @@ def route_figure(dataset: Any) -> Figure:
         top = 1 - (band + 0.15) / height
         plan: Any = figure.add_axes((LEFT, top - (MAP - 0.5) / height, 0.94 - LEFT, (MAP - 0.5) / height))
         _draw_map(figure, plan, dataset, path, before)
+        if limits is not None:
+            draw_obstacles(plan, limits, np.round(path["position"].values[:, :2].mean(axis=0)))
         grid = figure.add_gridspec(
             len(panels), 1, hspace=0.22, left=LEFT, right=0.985, top=top - MAP / height, bottom=0.5 / height
         )

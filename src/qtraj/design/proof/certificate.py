@@ -20,6 +20,7 @@ from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import batch_prefix, counts_text
 from qtraj.foundation.types import ArrayInput
 from qtraj.foundation.units import symbol, with_unit
+from qtraj.path.clearance_quantity import names_obstacle
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import quantity
 
@@ -88,6 +89,8 @@ class Finding(NamedTuple):
             return "not limited anywhere on the path"
         if math.isnan(self.value):
             return f"undefined at t = {self.time:.4g} s, where {where_undefined(quantity(self.name))}"
+        if names_obstacle(self.name):
+            return f"a clearance of {self.value:.6g} m at t = {self.time:.4g} s"
         texts = f"{self.value:.6g}", with_unit(self.limit, quantity(self.name).unit)
         rounds_to_limit = not self.met and self.margin < 0 and f"{self.limit:.6g}" == texts[0]
         violation = f" (relative violation {-self.margin / abs(self.limit):.1e})" if rounds_to_limit else ""

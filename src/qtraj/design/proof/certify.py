@@ -10,8 +10,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from qtraj.design.divisors import factors as factors_of
 from qtraj.design.limit_checks import require_known_road
 from qtraj.design.limits import Limits, require_limits
+from qtraj.design.obstacles.certificate import with_obstacles
 from qtraj.design.proof.certificate import Certificate
 from qtraj.design.proof.corridor import add_corridor
 from qtraj.design.proof.envelope import differentiable
@@ -104,6 +106,12 @@ def certify(
     A `Shape` is checked like a route, with limits on quantities of the shape only: curvature, horizontal curvature,
     steering angle, sharpness, torsion and slope.
 
+    Obstacles in `limits.keep_out` are proved to be avoided by the whole `body`, on routes, shapes, spiral-helices and
+    their timings. The names in the certificate are "keep_out[0]", "keep_out[1]" and so on. The value is the smallest
+    clearance [m], and its limit is 0. With an offset, the body has a direction; the proof is about all instants at
+    which the path has one. Obstacles that move are sampled on the path of `retime`. One path with concrete values is
+    needed.
+
     `corridor` [m] is the maximum distance between two spiral-helices about the same axis, `path` and `reference`, at
     equal fractions of their durations. It is the last limit of the certificate. The difference of the azimuths
     contributes to the distance as an arc length.
@@ -124,9 +132,11 @@ def certify(
             kind = type(path).__name__
             raise ValueError(f"a corridor is supported only for a SpiralHelix, but a {kind} was given: omit corridor=")
         found = certify_shape(path, limits) if isinstance(path, Shape) else certify_route(path, limits)
+        found = with_obstacles(found, path, limits)
         return found.check() if throw else found
     retimed = isinstance(path, RetimedPath)
     certificate = certify_retimed(path, limits, _certify) if retimed else _certify(path, limits)
+    certificate = with_obstacles(certificate, path, limits)
     if corridor is not None:
         certificate = add_corridor(certificate, path, reference, as_float(corridor))
     return certificate.check() if throw else certificate
@@ -145,7 +155,7 @@ def _certify(path: AbstractHodograph, limits: Limits) -> Certificate:
     limits.require_batch(batch, "the paths" if batch else "the path")
     bounds = _in_batch(limits.constant().values(), batch)
     road = _in_batch(limits.road(float) if limits.uses_vehicle else (), batch)
-    factors = _in_batch(limits.factors(float), batch)
+    factors = _in_batch(factors_of(limits, float), batch)
     # Outside jit and vmap, the values of differentiated arrays are known, so the proof is not traced.
     constant, *numbers = constants((arrays, bounds, factors, road))
     codes, times, values = _findings(eqx.combine(constant, static), names, numbers, batch)

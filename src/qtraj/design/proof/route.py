@@ -4,6 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from qtraj.design.divisors import factors as factors_of
 from qtraj.design.ellipse import OfSpeed
 from qtraj.design.limits import Limits
 from qtraj.design.margins import at_speed
@@ -46,7 +47,7 @@ def certify_route(route: Route, limits: Limits) -> RouteCertificate:
         whole = Certificate((), *[no_limits] * 4)
         return RouteCertificate(whole, Certificate((), *[no_findings] * 4), starts)
     road, on_road = fixed_parameters(limits.vehicle, float) if limits.uses_vehicle else None, limits.along_road
-    factors = dict(zip(names, (float(np.asarray(x)) for x in limits.factors(float)), strict=True))
+    factors = dict(zip(names, (float(np.asarray(x)) for x in factors_of(limits, float)), strict=True))
     numbers = {name: float(np.asarray(x)) for name, x in limits.constant().items()}
     constant = {name: x for name, x in numbers.items() if name not in on_road}
     found = [_of_constant(segments, constant, factors, road)] if constant else []

@@ -106,6 +106,11 @@ def standing_source(segments: Segments, rows: np.ndarray, keep_acceleration: boo
     return DirectedSource(given, segments.durations[rows], keep_acceleration)
 
 
+def direction_of(segments: Segments, i: int) -> Vector:
+    """Return the vector q of the module for a segment that is a polynomial in the time."""
+    return _divided(_velocity(segments, i))[0]
+
+
 def standing(segments: Segments) -> Bool[np.ndarray, "segments 2"]:
     """Return whether each moving segment starts at a stop, and whether it ends at one."""
     c, h = segments.coefficients, segments.durations

@@ -10,6 +10,7 @@ import jax
 import numpy as np
 
 from qtraj.design.along import Along
+from qtraj.design.divisors import factors as factors_of
 from qtraj.design.ellipse import OfSpeed
 from qtraj.design.limits import Limits, limits_of
 from qtraj.design.margins import at_speed
@@ -49,7 +50,7 @@ def certify_varying(
     limits = limits.on(path)
     given, on_road = limits.given(), limits.along_road
     whole, rest = _divided(path, limits), [name for name in limits.constant() if name not in on_road]
-    factors = dict(zip(given, (float(np.asarray(x)) for x in limits.factors(float)), strict=True))
+    factors = dict(zip(given, (float(np.asarray(x)) for x in factors_of(limits, float)), strict=True))
     found = [certify(path, limits.only(rest))] if rest else []
     for name in dict.fromkeys([*limits.varying, *on_road]):
         along: Any = given[name]

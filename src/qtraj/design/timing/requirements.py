@@ -9,6 +9,7 @@ import numpy as np
 from qtraj.design.by_speed import BySpeed
 from qtraj.design.ellipse import OfSpeed
 from qtraj.design.limits import Limits
+from qtraj.design.obstacles.keep_out import refuse_obstacles
 from qtraj.design.timing.constraints import NAMES
 from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.sided import SIDES_OF_RATES, SLOWEST
@@ -69,6 +70,7 @@ def require_timing_limits(limits: Limits, free: bool) -> tuple[str, ...]:
 
     `free` indicates that neither end speed is prescribed; then a limit that bounds the speed is required.
     """
+    refuse_obstacles(limits, "retime", "the shape does not change, so check the path itself with qtraj.certify")
     names = tuple(limits.given())
     sides = [name for name in names if name not in NAMES and quantity(name).base in NAMES]
     if sides:

@@ -15,6 +15,7 @@ from jaxtyping import Array, Int
 from qtraj.design.ellipse import OfSpeed
 from qtraj.design.limit_checks import refuse_changing
 from qtraj.design.limits import Limits, require_limits
+from qtraj.design.obstacles.keep_out import refuse_obstacles
 from qtraj.design.own_limits import require_reduced
 from qtraj.design.tuning.motions.motion import AbstractMotion
 from qtraj.design.tuning.objectives.objective import AbstractObjective
@@ -52,6 +53,7 @@ def require_choices(
     """Raise a ValueError if arguments contradict each other; `has_duration` is true if the user passed a duration."""
     require_states(start, end)
     require_limits(limits)
+    refuse_obstacles(limits, "tune", "omit keep_out, and check the result with qtraj.certify")
     by_speed = {name: x for name, x in limits.given().items() if isinstance(x, OfSpeed)}
     refuse_changing(by_speed, "tune", "retime supports it for a route, such as Route.from_path(path)")
     user_limits = limits.given()

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from qtraj.design import one_sided
-from qtraj.design.divisors import divisors
+from qtraj.design.divisors import divisors, reduced as reduced_limits
 from qtraj.design.limits import Limits
 from qtraj.foundation.arrays import concrete
 from qtraj.foundation.namespace import namespace
@@ -31,7 +31,7 @@ def search_limits(limits: Limits, corridor: Any, count: int) -> dict[str, Any]:
 
     The names are sorted, because JAX sorts them, too. The results are NumPy arrays if the limits have concrete values.
     """
-    reduced = named_limits(limits, corridor) | limits.reduced()
+    reduced = named_limits(limits, corridor) | reduced_limits(limits)
     known = all(concrete(x) is not None for x in reduced.values())
     xp: Any = np if known else jnp
     values = {name: xp.asarray(x, float) for name, x in sorted(reduced.items())}

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from qtraj.design.along import Along
-from qtraj.design.divisors import divisors
+from qtraj.design.divisors import divisors, reduced as reduced_limits
 from qtraj.design.limits import Limits
 from qtraj.design.tuning.targets import named_limits, target
 from qtraj.path.quantity import quantity
@@ -55,7 +55,9 @@ class Zone(NamedTuple):
 
 def zones_of(limits: Limits, corridor: Any, count: int, length: Float[np.ndarray, " count"]) -> tuple[Zone, ...]:
     """Return the zones of the limits that change along the way; `length` [m] is that of the initial paths."""
-    constant = {name: np.asarray(x, float) for name, x in (named_limits(limits, corridor) | limits.reduced()).items()}
+    constant = {
+        name: np.asarray(x, float) for name, x in (named_limits(limits, corridor) | reduced_limits(limits)).items()
+    }
     found = []
     for name in limits.varying:
         along: Any = limits.given()[name]

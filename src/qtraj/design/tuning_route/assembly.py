@@ -70,7 +70,7 @@ def constraints_first(
     low, high = of_bounds
     tube = 2 * at.away * (weights[-2:] / problem.tube)[[0, 0, 1]]
     table = basis.table(0, dense=problem.dense)[0]
-    ends = _pulled(at.slopes, weights[:-2], problem.dense) + _combined(table, tube)
+    ends = _pulled(at.slopes, weights[:-2], problem) + _combined(table, tube)
     h = np.sum(weights[:-2] * at.rates, axis=(0, 1))
     return Local(ends, h - low / problem.shortest + high / problem.longest)
 
@@ -89,13 +89,13 @@ def constraints_second(
     """
     order, (nodes, n) = len(curvature.path) // 3, at.away.shape[1:]
     inner = curvature.path.reshape(order, 3, order, 3, nodes, n).transpose(0, 2, 4, 1, 3, 5).reshape(-1, 9 * n)
-    ends = basis.products(order, problem.dense) @ inner
+    ends = basis.products(order, problem.first, problem.dense) @ inner
     ends += basis.squares(problem.dense) @ _tube_second(problem, at.away, weights[-2:], stiffness[-2:]).reshape(
         -1, 9 * n
     )
     low, high = of_bounds
     h = np.sum(curvature.h, axis=0) + low / problem.shortest**2 + high / problem.longest**2
-    return LocalSecond(ends.reshape(6, 6, 3, 3, n), _of_ends(curvature.mixed, problem.dense), h)
+    return LocalSecond(ends.reshape(6, 6, 3, 3, n), _of_ends(curvature.mixed, problem), h)
 
 
 def pushed(
@@ -103,11 +103,12 @@ def pushed(
 ) -> tuple[Float[np.ndarray, "constraints nodes n"], Float[np.ndarray, "2 n"]]:
     """Return the changes of the constraints at the nodes and of the bounds, for the change of the segments."""
     limits, q, nodes, n = at.slopes.shape
-    table = basis.table(q // 3, dense=problem.dense)
-    r = (table[1:].reshape(-1, 6) @ change.ends.reshape(6, -1)).reshape(q // 3, nodes, 3, n)
+    rows = basis.rows(q // 3, problem.first, dense=problem.dense)
+    r = (rows.reshape(-1, 6) @ change.ends.reshape(6, -1)).reshape(q // 3, nodes, 3, n)
     found = np.einsum("pkcan,kacn->pan", at.slopes.reshape(limits, q // 3, 3, nodes, n), r)
     found += change.h * at.rates
-    shift = np.moveaxis((table[0] @ change.ends.reshape(6, -1)).reshape(nodes, 3, n), 1, 0)
+    flat = basis.table(0, dense=problem.dense)[0] @ change.ends.reshape(6, -1)
+    shift = np.moveaxis(flat.reshape(nodes, 3, n), 1, 0)
     away = 2 * at.away * shift
     tube = np.stack([away[0] + away[1], away[2]]) / problem.tube
     return np.concatenate([found, tube]), np.stack([-change.h / problem.shortest, change.h / problem.longest])
@@ -120,17 +121,18 @@ def changed_ends(s: Segments, states: Float[np.ndarray, "6 3 n"], dh: Float[np.n
 
 
 def _pulled(
-    slopes: Float[np.ndarray, "limits q nodes n"], weights: Float[np.ndarray, "limits nodes n"], dense: bool
+    slopes: Float[np.ndarray, "limits q nodes n"], weights: Float[np.ndarray, "limits nodes n"], problem: RouteProblem
 ) -> Float[np.ndarray, "6 3 n"]:
     """Return the derivatives of a weighted sum of the limits with respect to the scaled end states."""
-    return _of_ends(np.einsum("pqan,pan->qan", slopes, weights), dense)
+    return _of_ends(np.einsum("pqan,pan->qan", slopes, weights), problem)
 
 
-def _of_ends(at: Float[np.ndarray, "q nodes n"], dense: bool) -> Float[np.ndarray, "6 3 n"]:
+def _of_ends(at: Float[np.ndarray, "q nodes n"], problem: RouteProblem) -> Float[np.ndarray, "6 3 n"]:
     """Return derivatives with respect to the scaled end states, from those with respect to derivatives at the nodes."""
     q, nodes, n = at.shape
     at = at.reshape(q // 3, 3, nodes, n)
-    return _combined(basis.table(q // 3, dense=dense)[1:].reshape(-1, 6), at.swapaxes(0, 1).reshape(3, -1, n))
+    rows = basis.rows(q // 3, problem.first, dense=problem.dense)
+    return _combined(rows.reshape(-1, 6), at.swapaxes(0, 1).reshape(3, -1, n))
 
 
 def _combined(rows: Float[np.ndarray, "k 6"], at: Float[np.ndarray, "3 k n"]) -> Float[np.ndarray, "6 3 n"]:

@@ -57,10 +57,16 @@ def table(order: int, fine: bool = False, dense: bool = False) -> Float[np.ndarr
 
 
 @cache
-def products(order: int, dense: bool = False) -> Float[np.ndarray, "36 {order}*{order}*nodes"]:
-    """Return the products H_l⁽ʲ⁾ H_m⁽ᵏ⁾ at the nodes for the orders j, k ≥ 1; each row belongs to one pair (l, m)."""
-    rows = table(order, dense=dense)[1:]
-    return np.einsum("jal,kam->lmjka", rows, rows).reshape(36, -1)
+def rows(count: int, first: int, fine: bool = False, dense: bool = False) -> Float[np.ndarray, "{count} nodes 6"]:
+    """Return the rows of `table` for `count` orders from `first`, which is 0 or 1."""
+    return table(count - 1 + first, fine, dense)[first:]
+
+
+@cache
+def products(count: int, first: int, dense: bool = False) -> Float[np.ndarray, "36 {count}*{count}*nodes"]:
+    """Return the products H_l⁽ʲ⁾ H_m⁽ᵏ⁾ at the nodes for `count` orders j, k ≥ `first`; each row is a pair (l, m)."""
+    own = rows(count, first, dense=dense)
+    return np.einsum("jal,kam->lmjka", own, own).reshape(36, -1)
 
 
 @cache

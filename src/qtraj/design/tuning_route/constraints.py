@@ -17,8 +17,10 @@ from jaxtyping import Float
 
 from qtraj.algebra.jets import coordinates, sqrt
 from qtraj.design.tuning_route import basis
+from qtraj.design.tuning_route.clear import Clear
 from qtraj.design.tuning_route.problem import RouteProblem, Segments, joined
 from qtraj.foundation.namespace import matmul, xp
+from qtraj.path.clearance_quantity import names_obstacle
 from qtraj.path.frenet import Invariants
 from qtraj.path.path_quantity import PathQuantity
 from qtraj.path.quantity import quantity
@@ -57,10 +59,14 @@ def relative(
 ) -> Any:
     """Return the square roots of the constraints for values of the quantities; `bounds` are the magnitudes of limits.
 
-    A value on the other side of zero than the limit counts as zero.
+    A value on the other side of zero than the limit counts as zero. For an obstacle, the result is about 1 plus the
+    depth [m] to which the body enters.
     """
     found = np.empty(values.shape)
     for k, name in enumerate(names):
+        if names_obstacle(name):
+            found[k] = 1.0 + np.maximum(-values[k], 0.0)
+            continue
         entry = quantity(name)
         side = entry.side if entry.bounds_side else 1
         ratio = np.asarray(entry.tangent(values[k])) / np.asarray(entry.tangent(bounds[k]))
@@ -78,19 +84,21 @@ def units(problem: RouteProblem, h: Float[Any, " n"], nodes: int) -> Float[Any, 
     return times[:, None] * squares ** (-0.5 * powers)[:, None, None]
 
 
-def ratios(names: tuple[str, ...], r: Any, road: Any = None, h: Any = None) -> list[Any]:
+def ratios(names: tuple[str, ...], r: Any, road: Any = None, h: Any = None, clear: tuple[Clear, ...] = ()) -> list[Any]:
     """Return the square in the constraint of each limit for the derivatives r', r'', … in the array or list `r`.
 
     The components of each derivative follow each other. They are arrays or jets. `road` contains the parameters of the
-    vehicle and its road, one after the other, if a limit depends on them, and `h` is the duration.
+    vehicle and its road, one after the other, if a limit depends on them, and `h` is the duration. With obstacles, to
+    which the last names belong, r is the first of the derivatives.
     """
     vehicle = None
     if road is not None:
         vehicle = RoadParameters(*road)
         vehicle = vehicle._replace(gravity=h * h * vehicle.gravity)
-    rows = [None, *((r[k], r[k + 1], r[k + 2]) for k in range(0, len(r), 3))]
-    i = Invariants(rows, None, vehicle, root=sqrt)
-    return [_ratio(quantity(name), i) for name in names]
+    rows = [(r[k], r[k + 1], r[k + 2]) for k in range(0, len(r), 3)]
+    position, derived = (rows[0], rows[1:]) if clear else (None, rows)
+    i, own = Invariants([None, *derived], None, vehicle, root=sqrt), names[: len(names) - len(clear)]
+    return [*(_ratio(quantity(name), i) for name in own), *(x.value(position, derived[0]) for x in clear)]
 
 
 def _ratio(entry: PathQuantity, i: Invariants) -> Any:
@@ -107,29 +115,34 @@ def road_at(problem: RouteProblem, nodes: int) -> Any:
     return problem.road[:, :: basis.FINER]
 
 
-def derivatives(
-    ends: Float[Any, "6 3 n"], order: int, fine: bool = False, dense: bool = False
-) -> Float[Any, "q nodes n"]:
-    """Return the derivatives with respect to u of the orders 1 to `order` at the nodes, component by component."""
-    rows = basis.table(order, fine, dense)[1:]
-    found = matmul(rows.reshape(-1, 6), ends.reshape(6, -1)).reshape(order, rows.shape[1], 3, -1)
-    return xp.moveaxis(found, 2, 1).reshape(3 * order, rows.shape[1], -1)
+def derivatives(problem: RouteProblem, ends: Float[Any, "6 3 n"], fine: bool = False) -> Float[Any, "q nodes n"]:
+    """Return the derivatives with respect to u at the nodes, component by component; with obstacles, r is the first."""
+    order = order_of(problem.names)
+    rows = basis.rows(order + 1 - problem.first, problem.first, fine, problem.dense)
+    found = matmul(rows.reshape(-1, 6), ends.reshape(6, -1)).reshape(len(rows), rows.shape[1], 3, -1)
+    found = xp.moveaxis(found, 2, 1).reshape(3 * len(rows), rows.shape[1], -1)
+    if problem.clear:
+        found = xp.concatenate([found[:3] + problem.origins[:, None], found[3:]])
+    return found
 
 
-def in_time(r: Float[Any, "q nodes n"], rates: Float[Any, "3 nodes n"]) -> Float[Any, "q nodes n"]:
+def in_time(r: Float[Any, "q nodes n"], rates: Float[Any, "3 nodes n"], first: int = 1) -> Float[Any, "q nodes n"]:
     """Convert derivatives of curves with respect to u to those with respect to the time, in units of the duration.
 
     `rates` are the derivatives of the progress (see `curves.rates`).
     """
-    matrix = _chain_rule(rates, len(r) // 3)
+    matrix = _chain_rule(rates, len(r) // 3, first)
     rows = r.reshape(-1, 3, *r.shape[1:])
     return xp.concatenate([sum(m[None] * row for m, row in zip(own, rows, strict=False)) for own in matrix])
 
 
-def _chain_rule(rates: Any, order: int) -> list[list[Any]]:
+def _chain_rule(rates: Any, count: int, lowest: int) -> list[list[Any]]:
     """Return the factors of the derivatives with respect to u in those with respect to the time, row by row."""
     first, second, third = rates
-    return [[first], [second, first**2], [third, 3 * first * second, first**3]][:order]
+    rows = [[first], [second, first**2], [third, 3 * first * second, first**3]]
+    if not lowest:
+        rows = [[1.0 + 0.0 * first], *([0.0 * first, *row] for row in rows)]
+    return rows[:count]
 
 
 def displacements(change: Float[Any, "6 3 n"], fine: bool = False, dense: bool = False) -> Float[Any, "3 nodes n"]:
@@ -153,10 +166,10 @@ def _values(problem: RouteProblem, s: Segments, fine: bool) -> Float[Any, "const
     inside = near(displacements(s.change, fine, problem.dense) + offset, tube)
     if not problem.names:
         return inside
-    r = derivatives(s.ends, order_of(problem.names), fine, problem.dense)
+    r = derivatives(problem, s.ends, fine)
     if problem.dense:
-        r = in_time(r, problem.fine_rates if fine else problem.rates)
-    found = xp.stack(ratios(problem.names, r, road_at(problem, r.shape[1]), s.h[None]))
+        r = in_time(r, problem.fine_rates if fine else problem.rates, problem.first)
+    found = xp.stack(ratios(problem.names, r, road_at(problem, r.shape[1]), s.h[None], problem.clear))
     return xp.concatenate([found * units(problem, s.h, r.shape[1]), inside])
 
 
@@ -208,17 +221,17 @@ def expand(
     `stiffness`.
     """
     away = displacements(s.change, dense=problem.dense) + problem.offset
-    r = derivatives(s.ends, order_of(problem.names), dense=problem.dense)
+    r = derivatives(problem, s.ends)
     unit = units(problem, s.h, r.shape[1])
     if problem.dense:
-        r = in_time(r, problem.rates)
+        r = in_time(r, problem.rates, problem.first)
     q, at_nodes = len(r), r.shape[1:]
     value, rate = np.empty((2, len(unit), *at_nodes))
     slope, second = np.empty((len(unit), *r.shape)), np.zeros((q, *r.shape))
     mixed, twice = np.zeros(r.shape), np.zeros(at_nodes)
     power, own = time_powers(problem.names), problem.road is not None
     numbers = coordinates(np.concatenate([r, np.broadcast_to(s.h, (1, *at_nodes))]) if own else r)
-    found = ratios(problem.names, numbers[:q], road_at(problem, r.shape[1]), numbers[q] if own else None)
+    found = ratios(problem.names, numbers[:q], road_at(problem, r.shape[1]), numbers[q] if own else None, problem.clear)
     for k, g in enumerate(found):
         w, stiff, growth = unit[k] * weights[k], stiffness[k], -power[k] / s.h
         value[k], slope[k], rate[k] = unit[k] * g.value, unit[k] * g.gradient[:q], growth * unit[k] * g.value
@@ -234,20 +247,20 @@ def expand(
         second += w * bent[:q, :q]
         second += (stiff * slope[k])[:, None] * slope[k]
     if problem.dense:
-        mixed = _in_parameter(mixed[None], None, problem.rates)[0][0]
-        slope, second = _in_parameter(slope, second, problem.rates)
+        mixed = _in_parameter(mixed[None], None, problem.rates, problem.first)[0][0]
+        slope, second = _in_parameter(slope, second, problem.rates, problem.first)
     values = np.concatenate([value, near(away, problem.tube)])
     return Expansion(values, slope, rate, away), Curvature(second, mixed, twice)
 
 
-def _in_parameter(slope: np.ndarray, curvature: Any, rates: np.ndarray) -> tuple[np.ndarray, Any]:
+def _in_parameter(slope: np.ndarray, curvature: Any, rates: np.ndarray, lowest: int) -> tuple[np.ndarray, Any]:
     """Convert derivatives with respect to those of the path in time to derivatives with respect to those in u.
 
     `curvature` may be None.
     """
     order = slope.shape[1] // 3
     matrix = np.zeros((order, order, *rates.shape[1:]))
-    for k, own in enumerate(_chain_rule(rates, order)):
+    for k, own in enumerate(_chain_rule(rates, order, lowest)):
         matrix[k, : len(own)] = own
     first = slope.reshape(len(slope), order, 3, *slope.shape[2:])
     first = np.einsum("jkan,pjcan->pkcan", matrix, first)

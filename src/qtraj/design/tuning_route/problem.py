@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from qtraj.design.tuning_route import basis
+from qtraj.design.tuning_route.clear import Clear
 from qtraj.foundation.namespace import matmul, xp
 
 BLOCK = 10
@@ -33,6 +34,8 @@ class RouteProblem(NamedTuple):
     `offset`, `fine_offset` (3, nodes, n) [m]: the quintic through the end states minus the original path. `squares`
     (limits,): the squares of the limits. `tube`, `fine_tube` (2, nodes, n) [m²]: the squares of the half-widths. `used`
     (limits + 2, nodes, n): whether a constraint is used. `shortest`, `longest` (n,) [s]: bounds on the durations.
+    `clear` are the constraints of balls of the body and obstacles, to which the last `names` belong, and `origins`
+    (3, n) [m] the positions of the starts of the original segments; None without obstacles.
     `local` (limits, fine, n): the squares of limits that change along the way, at the fine nodes; None if no limit
     changes. `road` (parameters, fine, n): the `RoadParameters` there; None if no limit depends on them.
     `target` (6, 3, n) [m]: the scaled end states of the path in the objective "nearest" minus `ends`; None without one.
@@ -75,6 +78,13 @@ class RouteProblem(NamedTuple):
     local: Any = None
     road: Any = None
     target: Any = None
+    clear: tuple[Clear, ...] = ()
+    origins: Any = None
+
+    @property
+    def first(self) -> int:
+        """The lowest order of the derivatives in the constraints: 0 with obstacles."""
+        return 0 if self.clear else 1
 
     @property
     def dense(self) -> bool:
@@ -96,21 +106,8 @@ class RouteProblem(NamedTuple):
 
 _OF_SEGMENTS = (
     *("ends", "durations", "moving", "offset", "fine_offset", "tube", "fine_tube", "used"),
-    *(
-        "shortest",
-        "longest",
-        "near",
-        "pace",
-        "jerk",
-        "time",
-        "per_time",
-        "composed",
-        "rates",
-        "fine_rates",
-        "local",
-        "road",
-        "target",
-    ),
+    *("shortest", "longest", "near", "pace", "jerk", "time", "per_time", "composed", "rates", "fine_rates", "local"),
+    *("road", "target", "origins"),
 )
 
 

@@ -36,7 +36,8 @@ class RouteProgram:
         self.turns = assembly.frames(problem)
         self.moving = np.flatnonzero(problem.moving)
         self.at_nodes = np.count_nonzero(problem.used)
-        at_each = (3 * order_of(problem.names) + (problem.road is not None)) ** 2 * problem.used.shape[1]
+        at_each = (3 * (order_of(problem.names) + 1 - problem.first) + (problem.road is not None)) ** 2
+        at_each *= problem.used.shape[1]
         size = min(PART, CACHED // at_each)
         every = np.arange(len(problem.moving))
         groups = [every[k] for k in problem.groups()]

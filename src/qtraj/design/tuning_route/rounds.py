@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from qtraj.design.limits import Limits
+from qtraj.design.obstacles.certificate import with_obstacles
 from qtraj.design.proof.certificate import PROVED
 from qtraj.design.proof.route import certify_route
 from qtraj.design.proof.route_certificate import RouteCertificate
@@ -88,15 +89,24 @@ class Found(NamedTuple):
     missed: np.ndarray | None = None
 
 
-def solved(route: Route, given: Parts, limits: Limits, tube: np.ndarray, problem: RouteProblem, most: int) -> Found:
+def solved(
+    route: Route,
+    given: Parts,
+    limits: Limits,
+    tube: np.ndarray,
+    problem: RouteProblem,
+    most: int,
+    begin: np.ndarray | None = None,
+) -> Found:
     """Return the tuned route; `tube` (n + 1, 2) are the half-widths at the joints [m].
 
-    If the limits contradict each other, they are violated as little as possible.
+    The search starts from the variables `begin`, by default those of the given route. If the limits contradict each
+    other, they are violated as little as possible.
     """
-    found = _solved(route, given, limits, tube, problem, most)
+    found = _solved(route, given, limits, tube, problem, most, begin=begin)
     if found.proved or found.exhausted or not problem.names:
         return found
-    relaxed = _solved(route, given, limits, tube, problem, most, PRICES[0])
+    relaxed = _solved(route, given, limits, tube, problem, most, PRICES[0], begin=begin)
     steps = found.steps + relaxed.steps
     if relaxed.proved and relaxed.missed is not None:
         sharper = _solved(route, given, limits, tube, problem, most, PRICES[1], relaxed.at)
@@ -147,6 +157,7 @@ def _solved(
     price: float | None = None,
     start: Iterate | None = None,
     raised: np.ndarray | None = None,
+    begin: np.ndarray | None = None,
 ) -> Found:
     """Return the tuned route; with a `price`, limits may be violated. `start` is the result of a lower price.
 
@@ -158,7 +169,9 @@ def _solved(
     mu, k = BARRIER, 0
     if start is None:
         rules = _rules(program, factor, LEAST)
-        state = Search(interior.start(program, np.zeros(problem.free.shape), rules.factor, mu), mu)
+        state = Search(
+            interior.start(program, np.zeros(problem.free.shape) if begin is None else begin, rules.factor, mu), mu
+        )
     else:
         state = Search(interior.restarted(program, start, ROUGH), ROUGH)
     if np.any(problem.time):
@@ -243,7 +256,8 @@ def judge(route: Route, given: Parts, limits: Limits, tube: np.ndarray, problem:
     c, h = geometry.changed(problem, given.c, given.h, given.states, z)
     new = given.rebuilt(c, h, np.asarray(route.origin))
     displacement = Displacement(c, h, given.c, given.h)
-    return Judged(new, certify_route(new, limits), displacement.within(tube), displacement.largest(), given.curves)
+    certificate = with_obstacles(certify_route(new, limits), new, limits)
+    return Judged(new, certificate, displacement.within(tube), displacement.largest(), given.curves)
 
 
 def unproved(judged: Judged, names: tuple[str, ...], moving: np.ndarray) -> np.ndarray:

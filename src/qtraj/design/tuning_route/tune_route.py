@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from qtraj.design.limits import Limits, limits_of, require_limits
+from qtraj.design.obstacles.keep_out import refuse_obstacles
 from qtraj.design.proof.certificate import UNDEFINED
-from qtraj.design.tuning_route import along, circuit, roads, rounds, target
+from qtraj.design.tuning_route import along, around, circuit, roads, rounds, target
 from qtraj.design.tuning_route.arguments import (
     fixed_states,
     half_widths,
@@ -16,8 +17,7 @@ from qtraj.design.tuning_route.arguments import (
     require_differentiable,
     require_route,
 )
-from qtraj.design.tuning_route.curves import joints_of, largest_of, spread
-from qtraj.design.tuning_route.geometry import moved_states
+from qtraj.design.tuning_route.curves import largest_of
 from qtraj.design.tuning_route.problem import RouteProblem
 from qtraj.design.tuning_route.remedy import Change, remedy
 from qtraj.design.tuning_route.sensitivity import differentiable
@@ -26,11 +26,11 @@ from qtraj.design.tuning_route.shapes import route_in_tube
 from qtraj.design.tuning_route.solution import Solution
 from qtraj.design.tuning_route.target import require_target
 from qtraj.design.tuning_route.tuned_route import TunedRoute
+from qtraj.design.tuning_route.verdict import code_of, rank, result_of
 from qtraj.foundation.arrays import is_traced
 from qtraj.foundation.namespace import in_float64
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput
-from qtraj.path.driving import segments_of
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.route import Route
 from qtraj.path.shape import Shape
@@ -91,6 +91,10 @@ def tune_route(
     last result, the bank and the friction at a node are those at its distance there, and `certify` checks the final
     route on its own distances.
 
+    Obstacles in `limits.keep_out`, which must not move, are avoided by the whole `body`. Where the given route enters
+    obstacles, the search starts on both sides of each of two of them, and on the nearer side of others; the best result
+    is returned. If obstacles and the tube contradict each other, `advice` says where.
+
     A `Shape` has no times: first its fastest timing is computed, a flying lap if it is closed, from which the search
     starts. The default objective is "fastest", and `closed` is that of the shape. The tube is by default that of its
     widths, less 1 m on both sides; or `tube` (n, 2) contains the distances [m] to the right and to the left at each
@@ -122,11 +126,11 @@ def tune_route(
 
     **Raises:** ValueError for a path that is not a route, a batch, arguments inside jit or vmap, a traced route in
     float32, an unknown objective, a limit on the natural trihedral (which does not exist on straights), derivatives
-    with respect to the vehicle, on a road that changes along the way or with `nearest_to`, "fastest" without a limit
-    that bounds the speed, `nearest_to` with another objective, half-widths that are not positive, a wrong shape, or a
-    `closed` route that does not end where it starts, has only one segment, or has different half-widths at its ends;
-    for a shape also without widths and tube, with edges nearer than the margins, and without a fastest timing.
-    RuntimeError with `throw` if a limit is not proved to be satisfied.
+    with respect to the vehicle, on a road that changes along the way, with obstacles or with `nearest_to`, "fastest"
+    without a limit that bounds the speed, `nearest_to` with another objective, half-widths that are not positive, a
+    wrong shape, or a `closed` route that does not end where it starts, has only one segment, or has different
+    half-widths at its ends; a fixed end inside an obstacle; for a shape also without widths and tube, with edges nearer
+    than the margins, and without a fastest timing. RuntimeError with `throw` if a limit is not proved to be satisfied.
     """
     route, limits = in_float64((route, limits))
     if isinstance(route, Shape):
@@ -146,6 +150,7 @@ def tune_route(
 
     if is_traced(route, limits, tube):
         require_differentiable(limits, nearest_to)
+        refuse_obstacles(limits, "tune_route inside grad or jvp", "omit the derivatives")
         result = differentiable(route, limits, tube, names, objective, solve)
     else:
         result = solve(route, limits, tube).result
@@ -172,9 +177,18 @@ def _solution(
     widths = half_widths(tube, joints, closed)[[own.start for own in rows]]
     every = fixed_states(fixed, joints, closed)
     held = np.stack([every[own].any(axis=0) for own in rows])
+    own, starts = around.clears(limits), given.states[:-1, 0] + np.asarray(route.origin)
+    around.require_possible(route, limits, held)
+    names = (*names, *(x.name for x in own))
     bounds = along.typical(limits)
     road = roads.at_fine_nodes(route, limits, given)
-    problem = problem_of(given, names, bounds, widths, held, objective, objective == "smoothest", closed, road)
+
+    def posed(bounds: np.ndarray, held: np.ndarray, objective: str, kept: bool) -> RouteProblem:
+        every = np.append(bounds, np.ones(len(own)))
+        problem = problem_of(given, names, every, widths, held, objective, kept, closed, road)
+        return around.with_obstacles(problem, starts, own)
+
+    problem = posed(bounds, held, objective, objective == "smoothest")
     if limits.varying:
         problem = problem._replace(local=along.local_squares(route, limits, given.curves, closed))
     if nearest_to is not None:
@@ -183,32 +197,37 @@ def _solution(
     moving = problem.moving > 0
     smooth = not np.any(problem.offset) and not _jumps(route, given)
     undefined = _undefined(found, moving)
-    if (
-        moving.any()
-        and not undefined
-        and not (objective == "nearest" and nearest_to is None and smooth and found.proved)
-    ):
-        found = rounds.solved(route, given, limits, widths, problem, max_steps)
+    fits = objective == "nearest" and nearest_to is None and smooth and found.proved
+    if moving.any() and not undefined and not fits:
+        begins = around.starts(problem, own) if own else [None]
+        each = [rounds.solved(route, given, limits, widths, problem, max_steps, begin) for begin in begins]
+        found = min(each, key=lambda x: rank(x, objective))
     advice = ""
     if found.missed is not None and found.proved and limits.varying:
         advice = "Widen the tube, or relax the limits where they are violated."
+    elif found.missed is not None and found.proved and found.missed[len(bounds) : -2].any():
+        times = np.append(0.0, np.cumsum(given.stretch * given.h))
+        where = around.where_missed(problem, found.missed, times)
+        advice = (
+            f"The obstacles and the tube or other limits contradict each other: {where} of the given route. Widen the "
+            "tube there, move its ends, or relax the other limits."
+        )
     elif found.missed is not None and found.proved:
 
         def solves(change: Change) -> bool:
-            own = held.copy()
-            own[[0, -1]] &= not change.free_ends
-            values = np.array([change.limits[name] for name in names])
-            kept = change.objective == "smoothest"
-            changed = problem_of(given, names, values, widths, own, change.objective, kept, closed, road)
+            free = held.copy()
+            free[[0, -1]] &= not change.free_ends
+            values = np.array([*change.limits.values()])
+            changed = posed(values, free, change.objective, change.objective == "smoothest")
             if change.objective == "nearest":
                 changed = changed._replace(target=problem.target)
-            raised = limits_of(change.limits, limits.vehicle)
+            raised = limits_of(change.limits, limits.vehicle, keep_out=limits.keep_out, body=limits.body)
             return rounds.feasible(route, given, raised, widths, changed, max_steps)
 
-        values = dict(zip(names, bounds.tolist(), strict=True))
+        values = dict(zip(names[: len(bounds)], bounds.tolist(), strict=True))
         advice = remedy(values, found, objective, bool(held[[0, -1]].any()), solves)
-    code = ResultCode.limits_undefined if undefined else _code(found, names)
-    result = _result(given, problem, found, moving, objective, code, advice)
+    code = ResultCode.limits_undefined if undefined else code_of(found, names)
+    result = result_of(given, problem, found, moving, objective, code, advice)
     return Solution(result, found.problem, found.z, found.at, given.curves)
 
 
@@ -231,53 +250,3 @@ def _unchanged(route: Route, given: Parts, limits: Limits, tube: np.ndarray, pro
     judged = rounds.judge(route, given, limits, tube, problem, z)
     open_ = rounds.unproved(judged, problem.names, problem.moving > 0)
     return rounds.Found(z, judged, not open_.any(), 0, problem)
-
-
-def _result(
-    given: Parts,
-    problem: RouteProblem,
-    found: rounds.Found,
-    moving: np.ndarray,
-    objective: str,
-    code: ResultCode,
-    advice: str,
-) -> TunedRoute:
-    judged = found.judged
-    states, h = moved_states(problem, given.states, given.h, found.z)
-    duration = float(judged.route.duration)
-    return TunedRoute(
-        judged.route,
-        judged.certificate,
-        duration if objective == "fastest" else rounds.attained(problem, found.z),
-        spread(given.curves, judged.distances, 0.0),
-        spread(given.curves, judged.within.all(axis=1), True),
-        _displacement(judged.route, given, states[:, 0] - given.states[:, 0]),
-        np.sum(given.stretch * (h - given.h)),
-        spread(given.curves, ~moving, False),
-        code,
-        found.steps,
-        advice,
-    )
-
-
-def _displacement(route: Route, given: Parts, of_joints: np.ndarray) -> np.ndarray:
-    """Return the displacements of all joints of the route, some of which are inside curves or at a stop."""
-    if not given.curves.composed.any():
-        return of_joints
-    old, new = joints_of(given.segments), joints_of(segments_of(route))
-    return new - old
-
-
-def _code(found: rounds.Found, names: tuple[str, ...]) -> ResultCode:
-    certificate = found.judged.certificate
-    if not found.proved:
-        if not np.isfinite(found.judged.distances).all():
-            return ResultCode.not_finite
-        return ResultCode.route_not_converged if found.exhausted else ResultCode.route_not_found
-    if found.missed is not None:
-        return ResultCode.limits_contradict
-    if any(certificate.status[name] not in ("proved", "undefined") for name in names):
-        return ResultCode.broken_at_stops
-    if not found.optimal:
-        return ResultCode.not_optimal
-    return ResultCode.successful if certificate.holds else ResultCode.undefined_at_stops

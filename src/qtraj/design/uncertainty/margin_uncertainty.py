@@ -14,6 +14,7 @@ from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.fitting.fitted_route import FittedRoute
 from qtraj.design.limit_checks import refuse_changing
 from qtraj.design.limits import Limits, require_limits
+from qtraj.design.obstacles.keep_out import refuse_obstacles
 from qtraj.design.uncertainty.propagation import propagate
 from qtraj.design.uncertainty.uncertainty import instants, require_fit
 from qtraj.foundation.drawing import draw
@@ -172,6 +173,7 @@ def margin_uncertainty(
     """
     known = require_fit(fitted)
     require_limits(limits)
+    refuse_obstacles(limits, "margin_uncertainty", "omit keep_out")
     given: Any = limits.on(known.path).given()
     if not given:
         raise ValueError("the limits are empty: pass at least one limit, such as Limits(curvature=0.05)")

@@ -1,0 +1,71 @@
+"""Clearances of the pieces of a path in floats: samples, and their refined minima."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from qtraj.design.obstacles.body import Body
+from qtraj.design.obstacles.obstacle import AbstractObstacle
+from qtraj.design.obstacles.piece import Piece, floats
+from qtraj.design.proof.maxima import find_maxima
+
+GRID = np.linspace(0.0, 1.0, 33)
+"""The fractions of each piece that are sampled."""
+
+
+class Samples:
+    """The pieces in floats, for concrete obstacles and a concrete `body`."""
+
+    def __init__(self, pieces: Sequence[Piece], body: Body):
+        self._body, self._count = body, len(pieces)
+        self._position = floats([x.position for x in pieces])
+        unknown = [x.direction is None for x in pieces]
+        zero = [pieces[0].position[0] * 0] * 3
+        self._direction = floats([zero if x.direction is None else x.direction for x in pieces])
+        self._unknown, self._sign = np.array(unknown), np.array([x.sign or 1 for x in pieces], float)
+        self._time = floats([[x.time] * 3 for x in pieces])[..., 0]
+        self._offset = np.linalg.norm(np.asarray(body.offsets, float), axis=1)
+
+    def centres(self, u: np.ndarray, chosen: Any = slice(None)) -> tuple[np.ndarray, np.ndarray]:
+        """Return the centres (m, k, n, 3) and the times (k, n) at fractions `u` (k, n) of the `chosen` pieces."""
+        position = _horner(self._position[:, chosen], u[..., None])
+        direction = _horner(self._direction[:, chosen], u[..., None])
+        with np.errstate(invalid="ignore"):
+            centres = np.asarray(self._body.centres(position, direction, self._sign[chosen]))
+        return np.where(np.isnan(centres), position, centres), _horner(self._time[:, chosen], u)
+
+    def clearances(self, obstacle: AbstractObstacle, u: np.ndarray, chosen: Any = slice(None)) -> np.ndarray:
+        """Return the clearances (k, n) [m] of the body at fractions `u` (k, n)."""
+        centres, times = self.centres(u, chosen)
+        radii = np.asarray(self._body.radii, float)[:, None, None]
+        reach = radii + np.where(self._unknown[chosen], self._offset[:, None, None], 0.0)
+        return np.min(
+            np.asarray(obstacle.distance(centres, np.broadcast_to(times, centres.shape[:-1]))) - reach, axis=0
+        )
+
+    def smallest(self, obstacle: AbstractObstacle) -> tuple[np.ndarray, np.ndarray]:
+        """Return the fraction and the value of the smallest clearance of each piece; refined only where it is small."""
+        grid = np.repeat(GRID[:, None], self._count, axis=1)
+        samples = self.clearances(obstacle, grid)
+        k = np.argmin(samples, axis=0)
+        at, values = GRID[k], samples[k, np.arange(self._count)]
+        centres = self.centres(grid)[0]
+        step = np.linalg.norm(np.diff(centres, axis=1), axis=-1).max(axis=(0, 1))
+        near = np.flatnonzero(values <= max(values.min(), 0.0) + 2 * step + step.max())
+        function = lambda u: -self.clearances(obstacle, u, near)  # noqa: E731
+        own_at, own = find_maxima(function, GRID, -samples[:, near])
+        own_at = np.clip(own_at, 0.0, 1.0)
+        own = np.minimum(-own, self.clearances(obstacle, own_at[None], near)[0])
+        better = own <= values[near]
+        at[near[better]], values[near[better]] = own_at[better], own[better]
+        return at, values
+
+
+def _horner(c: np.ndarray, u: np.ndarray) -> np.ndarray:
+    found = c[-1] + 0.0 * u
+    for k in range(len(c) - 2, -1, -1):
+        found = c[k] + u * found
+    return found

@@ -1,0 +1,144 @@
+"""Obstacles in the search for a route: their constraints, and starts of the search on both sides of them."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import numpy as np
+
+from qtraj.design.limits import Limits
+from qtraj.design.obstacles.body import POINT
+from qtraj.design.obstacles.keep_out import clearances_at
+from qtraj.design.tuning_route import basis
+from qtraj.design.tuning_route.clear import Clear
+from qtraj.design.tuning_route.constraints import derivatives
+from qtraj.design.tuning_route.problem import RouteProblem, segments
+from qtraj.path.clearance_quantity import name_of_obstacle
+from qtraj.path.driving import Driving
+from qtraj.path.route import Route
+
+BOTH_SIDES = 2
+"""For this number of obstacles, all combinations of sides are tried; the others are passed on the nearer side."""
+
+SHIFTS = np.linspace(0.0, 1.0, 21)[1:]
+"""Trial shifts of the route to one side, as fractions of the half-width of the tube."""
+
+
+def clears(limits: Limits) -> tuple[Clear, ...]:
+    """Return a constraint for each pair of an obstacle and a ball of the body."""
+    body = limits.body or POINT
+    balls = list(zip(np.asarray(body.offsets, float).tolist(), np.asarray(body.radii, float).tolist(), strict=True))
+    return tuple(
+        Clear(name_of_obstacle(k), obstacle, (offset[0], offset[1], offset[2]), radius)
+        for k, obstacle in enumerate(limits.keep_out or ())
+        for offset, radius in balls
+    )
+
+
+def require_possible(route: Route, limits: Limits, held: np.ndarray) -> None:
+    """Raise a ValueError if the body is inside an obstacle at a fixed end, or for obstacles that are not supported."""
+    obstacles = limits.keep_out or ()
+    if any(x.moves for x in obstacles):
+        raise ValueError("tune_route does not support obstacles that move: check the result with qtraj.certify")
+    if limits.varying and obstacles:
+        raise ValueError("tune_route does not support obstacles together with limits that change along the way")
+    if limits.body is not None and limits.body.turns and np.any(np.asarray(Driving.along(route).signs) < 0):
+        raise ValueError(
+            "tune_route does not support a body with offsets on a route that reverses: use route.window(t0, t1) for "
+            "each direction"
+        )
+    for k, (t, where) in enumerate(((0.0, "start"), (float(np.asarray(route.duration)), "end"))):
+        if obstacles and held[-k].all():
+            for name, value in clearances_at(obstacles, limits.body, route, np.array([t])).items():
+                if not float(np.asarray(value)[0]) >= 0:
+                    raise ValueError(
+                        f"at the {where} of the route, which is fixed, the body is inside {name}, by "
+                        f"{-float(np.asarray(value)[0]):.4g} m: move the {where}, or free it with fixed="
+                    )
+
+
+def with_obstacles(problem: RouteProblem, starts: np.ndarray, own: tuple[Clear, ...]) -> RouteProblem:
+    """Return the problem with the constraints, whose names the problem contains already.
+
+    `starts` (n, 3) [m] are the positions of the starts of the segments. Obstacles that no route within the tube reaches
+    are not used.
+    """
+    if not own:
+        return problem
+    problem = problem._replace(clear=own, origins=starts.T)
+    used, position = problem.used.copy(), _positions(problem, np.zeros(problem.free.shape))
+    width = np.sqrt(problem.fine_tube.sum(axis=0).max(axis=0))
+    chord = np.linalg.norm(np.diff(position, axis=1), axis=0).max(axis=0)
+    for k, x in enumerate(own):
+        points = np.moveaxis(position, 0, -1)
+        distance = np.asarray(x.obstacle.distance(points, np.zeros(points.shape[:-1]))).min(axis=0)
+        reach = x.radius + float(np.linalg.norm(x.offset)) + width + chord
+        used[len(problem.names) - len(own) + k][:, distance > reach] = False
+    return problem._replace(used=used)
+
+
+def starts(problem: RouteProblem, own: tuple[Clear, ...]) -> list[np.ndarray]:
+    """Return the variables from which searches start: the route itself, or shifted to both sides of obstacles."""
+    zero = np.zeros(problem.free.shape)
+    hit = _hit(problem, zero, own)
+    found = []
+    for name in dict.fromkeys(x.name for x in own):
+        rows = [k for k, x in enumerate(own) if x.name == name]
+        inside = np.asarray(hit[rows].any(axis=(0, 1)))
+        if inside.any():
+            found.append([_shifted(problem, own, rows, inside, side) for side in (1.0, -1.0)])
+    if not found:
+        return [zero]
+    nearer = [min(pair, key=lambda z: float(np.abs(z).max())) for pair in found]
+    sides = [pair if k < BOTH_SIDES else [near] for k, (pair, near) in enumerate(zip(found, nearer, strict=True))]
+    return [_largest(choice) for choice in itertools.product(*sides)]
+
+
+def _largest(shifts: Any) -> np.ndarray:
+    """Return, for each variable, the shift with the largest magnitude."""
+    stack = np.stack(shifts)
+    return np.take_along_axis(stack, np.argmax(np.abs(stack), axis=0)[None], axis=0)[0]
+
+
+def _shifted(
+    problem: RouteProblem, own: tuple[Clear, ...], rows: list[int], inside: np.ndarray, side: float
+) -> np.ndarray:
+    """Return the smallest shift to one side with which no node is inside the obstacle, or the largest in the tube."""
+    joints = np.append(inside, False) | np.append(False, inside)
+    free = joints & problem.free[:, 1]
+    width = np.sqrt(problem.tube[0].max(axis=0))
+    of_joints = np.minimum(np.append(width, width[-1]), np.append(width[0], width))
+    z = np.zeros(problem.free.shape)
+    for part in SHIFTS:
+        z[free, 1] = side * part * of_joints[free] / problem.scale[1]
+        if not _hit(problem, z, own)[rows].any():
+            break
+    return z.copy()
+
+
+def _hit(problem: RouteProblem, z: np.ndarray, own: tuple[Clear, ...]) -> np.ndarray:
+    """Return whether a ball enters an obstacle at each node of the segments that may change (clear, nodes, n)."""
+    s = segments(problem, z)
+    r = derivatives(problem, s.ends)
+    rows = [tuple(r[k : k + 3]) for k in (0, 3)]
+    return np.stack([np.asarray(x.value(*rows)) > 1.0 for x in own]) & (problem.moving > 0)
+
+
+def _positions(problem: RouteProblem, z: np.ndarray) -> np.ndarray:
+    """Return the positions (3, nodes, n) of the nodes."""
+    rows = basis.table(0, dense=problem.dense)[0]
+    ends = segments(problem, z).ends
+    return np.einsum("al,lcn->can", rows, ends) + np.asarray(problem.origins)[:, None]
+
+
+def where_missed(problem: RouteProblem, missed: np.ndarray, times: np.ndarray) -> str:
+    """Return where obstacles contradict the tube or other limits: names and intervals of the times [s] of segments."""
+    texts = []
+    count = len(problem.names) - len(problem.clear)
+    for name in dict.fromkeys(x.name for x in problem.clear):
+        rows = [count + k for k, x in enumerate(problem.clear) if x.name == name]
+        own = np.flatnonzero(missed[rows].any(axis=0))
+        if own.size:
+            texts.append(f"{name} from t = {times[own[0]]:.4g} to {times[own[-1] + 1]:.4g} s")
+    return "; ".join(texts)
