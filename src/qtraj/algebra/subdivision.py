@@ -94,9 +94,12 @@ def _of_number(x: int, e: int) -> Signs:
 
 
 def _cut(b: list[int]) -> Form:
-    """Return the leading bits of the coefficients, and a bound on the errors in units of the last bit."""
+    """Return the leading bits of the coefficients, and a bound on the errors in units of the last bit.
+
+    Small integers are scaled up, because halving rounds.
+    """
     shift = max(max(b), -min(b)).bit_length() - PRECISION
-    return ([x >> shift for x in b], 1) if shift > 0 else (b, 0)
+    return ([x >> shift for x in b], 1) if shift > 0 else ([x << -shift for x in b], 0)
 
 
 def _bernstein(p: ExactPolynomial | Any) -> list[int]:

@@ -1,6 +1,6 @@
 """Divide the paths or the instants of an evaluation among devices."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -52,32 +52,37 @@ class Place(NamedTuple):
         return NamedSharding(self.mesh, PartitionSpec() if spec is None else spec)
 
 
-def require_devices(devices: Any) -> None:
-    """Raise a ValueError unless `devices` are None or JAX devices."""
-    if devices is None or (
-        isinstance(devices, Sequence) and devices and all(isinstance(x, jax.Device) for x in devices)
-    ):
-        return
-    raise ValueError(f"devices must be a list such as jax.local_devices()[:1], but {devices!r} was given")
+ADVICE = ", or select devices with the argument devices"
+"""What else helps if the arguments of an evaluation are on different devices."""
+
+
+def as_devices(devices: Any) -> list[jax.Device] | None:
+    """Return `devices` as a list, or None without any.
+
+    **Raises:** ValueError unless they are JAX devices.
+    """
+    if devices is None:
+        return None
+    found = list(devices) if isinstance(devices, Iterable) else []
+    if not (found and all(isinstance(x, jax.Device) for x in found)):
+        raise ValueError(f"devices must be a list such as jax.local_devices()[:1], but {devices!r} was given")
+    return found
 
 
 def placed(count: int, instants: int, devices: Sequence[Any] | None, arrays: Any) -> Place:
     """Return the place of an evaluation of `count` paths, and divide its work equally among many devices.
 
     If both paths and instants can be divided equally, the paths are divided. `devices` are given by the user. By
-    default, an evaluation is where its `arrays` are. If they may be on any device, it is on JAX's default device, or,
-    with at least `MIN_INSTANTS` instants, counted over all paths, on all local devices.
+    default, an evaluation is where its `arrays` are. If they may be on any device, it is on the device that the user
+    set as JAX's default. Without one, it is on all local devices if there are at least `MIN_INSTANTS` instants, counted
+    over all paths, and otherwise on the first of them.
 
     **Raises:** ValueError if `arrays` are on different devices.
     """
     if devices is None:
-        own = device_of(jax.tree.leaves(arrays), ", or select devices with the argument devices") or chosen_device()
+        own = device_of(jax.tree.leaves(arrays), ADVICE) or chosen_device()
         many = own is None and count * instants >= MIN_INSTANTS
         devices = jax.local_devices() if many else [own or jax.local_devices()[0]]
-    elif not (devices and all(isinstance(x, jax.Device) for x in devices)):
-        raise ValueError(
-            f"devices must be a list of devices, such as jax.local_devices()[:1], but {devices!r} was given"
-        )
     for number in range(len(devices), 1, -1):
         for over, size in (("paths", count), ("instants", instants)):
             if size % number == 0:

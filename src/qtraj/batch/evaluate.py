@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from qtraj.batch.at_once import FEW_OF_ONE, evaluated, is_small
-from qtraj.batch.devices import require_devices
+from qtraj.batch.devices import ADVICE, as_devices
 from qtraj.batch.executables import run
 from qtraj.batch.minimizing import FRAME_OUTPUTS, frame_outputs
 from qtraj.batch.of_program import OUTPUTS as PROGRAM_OUTPUTS, program_table
@@ -19,6 +19,7 @@ from qtraj.batch.table import Table
 from qtraj.batch.task import Task
 from qtraj.foundation.argument import described
 from qtraj.foundation.arrays import as_seconds, is_traced, require_inside
+from qtraj.foundation.devices import device_of
 from qtraj.foundation.namespace import is_host
 from qtraj.foundation.types import ArrayInput
 from qtraj.motion.attitude import AbstractProgram
@@ -96,7 +97,7 @@ def evaluate(
     forces on a road that changes along the way in a batch, with `reduce`, or inside a trace.
     """
     require_axes(axes)
-    require_devices(devices)
+    devices = as_devices(devices)
     if isinstance(paths, AbstractProgram):
         _require_none(frame=frame, reduce=reduce, devices=devices, reuse=reuse, vehicle=vehicle)
         names = PROGRAM_OUTPUTS if outputs is DEFAULT_OUTPUTS else _names(outputs)
@@ -117,7 +118,9 @@ def evaluate(
     if any(CHANNELS[name].needs == VEHICLE for name in task.names):
         require_one_direction(paths, vehicle)
     instants = as_seconds(times)
-    if devices is not None and len(devices) == 1 and not is_host(instants):
+    if devices is None:
+        device_of(jax.tree.leaves((paths, instants, vehicle)), ADVICE)
+    elif len(devices) == 1 and not is_host(instants):
         instants = jax.device_put(instants, devices[0])
     if instants.ndim == 0 or (instants.ndim > 1 and instants.shape[:-1] != rows):
         expected = f"(n,) or ({count}, n)" if task.batched else "(n,)"

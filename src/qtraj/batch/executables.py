@@ -46,7 +46,9 @@ def run(
         dynamic, times = jax.device_put((dynamic, times), place.sharding())
     if task.reduce is not None:
         return _reduction(task, place)(static, dynamic, times)
-    return _writing(task, place, old is not None)(static, dynamic, times, old)
+    call, formats = _writing(task, place, old is not None)
+    old = None if old is None else jax.device_put(old, formats)  # the table may be of NumPy, with another layout
+    return call(static, dynamic, times, old)
 
 
 @eqx.filter_jit  # under grad outside jit, the operations would be compiled one by one
@@ -115,6 +117,8 @@ def _stop_gradient(tree: Any) -> Any:
 def _writing(task: Task, place: Place, donate: bool) -> Any:
     """Return a compiled function that evaluates block by block and writes each block into the arrays of the results.
 
+    The second result are the formats of these arrays by name.
+
     If the arrays of an old table are donated, the function uses their memory for the results and ignores their values.
     """
 
@@ -142,7 +146,7 @@ def _writing(task: Task, place: Place, donate: bool) -> Any:
     formats = {name: Format(task.layout(name), sharding[name]) for name in task.names}
     donated: dict[str, Any] = {"donate_argnums": (3,), "keep_unused": True} if donate else {}
     inputs = (None, None, formats if donate else None)
-    return jax.jit(call, static_argnums=0, in_shardings=inputs, out_shardings=formats, **donated)
+    return jax.jit(call, static_argnums=0, in_shardings=inputs, out_shardings=formats, **donated), formats
 
 
 @lru_cache(maxsize=128)

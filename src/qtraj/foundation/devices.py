@@ -15,13 +15,14 @@ def device_of(leaves: Iterable[Any], advice: str = "") -> jax.Device | None:
 
     **Raises:** ValueError if arrays were moved to different devices.
     """
-    found: set[jax.Device] = set()
+    found, distributed = set[jax.Device](), False
     for x in leaves:
         if isinstance(x, jax.Array) and not isinstance(x, Tracer) and x.committed:
             devices = x.devices()
-            if len(devices) > 1:
-                return None
+            distributed = distributed or len(devices) > 1
             found |= devices
+    if distributed:
+        return None
     if len(found) > 1:
         names = " and ".join(sorted(f"{x.platform}:{x.id}" for x in found))
         raise ValueError(

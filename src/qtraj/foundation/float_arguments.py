@@ -36,6 +36,7 @@ def _converting(function: Function, single: bool) -> Function:
     names = code.co_varnames[: code.co_argcount]
     found = {name: _shape(function.__annotations__.get(name)) for name in names}
     shapes = {name: shape for name, shape in found.items() if shape is not None}
+    called = function.__qualname__.split(".")[0] if function.__name__ == "__call__" else function.__name__
 
     def converted(name: str, value: Any) -> Any:
         if name not in shapes or value is None:
@@ -46,9 +47,7 @@ def _converting(function: Function, single: bool) -> Function:
             expected = ", ".join(map(str, shape)) + ("," if single and len(shape) == 1 else "")
             advice = ": use jax.vmap for a batch" if single and actual[-len(shape) :] == shape else ""
             wanted = expected if single else f"..., {expected}"
-            raise ValueError(
-                f"{function.__name__}: {name} must have shape ({wanted}), but shape {actual} was given{advice}"
-            )
+            raise ValueError(f"{called}: {name} must have shape ({wanted}), but shape {actual} was given{advice}")
         return array
 
     @functools.wraps(function)

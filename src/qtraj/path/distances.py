@@ -61,8 +61,9 @@ class Distances(NamedTuple):
 
 def distances(path: AbstractHodograph) -> Distances:
     """Return the distances along one path with concrete values; its panels are halved until the length converges."""
-    nodes = path.nodes()
-    ends = np.unique(np.linspace(0.0, float(path.duration), PANELS + 1) if nodes is None else np.asarray(nodes, float))
+    nodes, duration = path.nodes(), float(path.duration)
+    given = np.linspace(0.0, duration, PANELS + 1) if nodes is None else np.asarray(nodes, float)
+    ends = np.unique(np.append(given, [0.0, duration]))  # the last of the nodes may be before the duration
     before, steps = np.inf, _lengths(path, ends[:-1], ends[1:])
     for _ in range(DOUBLINGS):
         if not abs(steps.sum() - before) > CONVERGED * steps.sum():

@@ -67,4 +67,6 @@ class Ball(AbstractObstacle):
     def outside(self, place: Place, reach: Fraction) -> AnyClaim:
         """Return the claim that a ball does not enter; see `AbstractObstacle`."""
         least = Fraction(float(self.radius)) + reach
+        if least <= 0:  # a point that may enter by more than the radius
+            return Claim(number(1))
         return Claim(place.beyond(place.relative(exact_point(self.centre, place)), number(least * least)))

@@ -10,7 +10,7 @@ import numpy as np
 from qtraj.design.limits import Limits
 from qtraj.design.obstacles.body import POINT
 from qtraj.design.obstacles.intervals import intervals
-from qtraj.design.obstacles.keep_out import clearances_at
+from qtraj.design.obstacles.keep_out import checked, clearances_at
 from qtraj.design.obstacles.proof import judged
 from qtraj.design.obstacles.route_pieces import route_pieces
 from qtraj.design.obstacles.turning_pieces import turning_pieces
@@ -42,6 +42,7 @@ def with_obstacles(found: Any, path: AbstractHodograph | Shape, limits: Limits) 
             "certify with obstacles needs concrete values: call it outside jit, grad and vmap. "
             "qtraj.clearance is differentiable"
         )
+    limits = checked(limits)
     own: Any = path.route if isinstance(path, Shape) else path
     if own.duration.ndim:
         raise ValueError("certify with obstacles accepts one path: call it once for each path of the batch")

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.design.limits import Limits, require_limits
-from qtraj.design.obstacles.keep_out import clearances_at
+from qtraj.design.obstacles.keep_out import checked, clearances_at
 from qtraj.foundation.arrays import as_seconds, is_traced, require_inside
 from qtraj.foundation.namespace import in_numpy
 from qtraj.foundation.types import ArrayInput
@@ -47,6 +47,7 @@ def clearance(path: AbstractHodograph, times: ArrayInput, limits: Limits) -> dic
     if t.ndim > 1:
         raise ValueError(f"times must be one instant, or have shape (n,), but their shape is {t.shape}")
     require_inside(t, path.duration, "path")
+    checked(limits)
     obstacles: Any = limits.keep_out
     if is_traced(path, t, limits) or not path.supports_numpy:
         return clearances_at(obstacles, limits.body, path, jnp.asarray(t))

@@ -61,6 +61,8 @@ class ConvexPolygon(AbstractObstacle):
         away, length = points[..., None, :2] - xp.broadcast_to(start, shape), xp.broadcast_to(norm(edge), shape[:-1])
         edge = xp.broadcast_to(edge, shape)
         height = (away[..., 0] * edge[..., 1] - away[..., 1] * edge[..., 0]) / length
+        after = xp.roll(start, -1, axis=0)
+        height = height * xp.sign(xp.sum(start[:, 0] * after[:, 1] - start[:, 1] * after[:, 0]))  # in either sense
         along = xp.clip((away * edge).sum(axis=-1) / (length * length), 0.0, 1.0)
         nearest = xp.min(norm(away - along[..., None] * edge), axis=-1)
         inside = xp.max(height, axis=-1)

@@ -83,5 +83,7 @@ class Cylinder(AbstractObstacle):
         length_sq = sum(x * x for x in a)
         matrix = [[number((length_sq if i == j else 0) - a[i] * a[j]) for j in range(3)] for i in range(3)]
         least = Fraction(float(self.radius)) + reach
+        if least <= 0:  # a point that may enter by more than the radius
+            return Claim(number(1))
         x = place.weighted(place.relative(exact_point(self.point, place)))
         return Claim(quadratic(matrix, x) - number(length_sq * least * least) * place.weight_sq)

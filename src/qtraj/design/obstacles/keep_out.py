@@ -41,6 +41,19 @@ def obstacles_of(given: Sequence[Any] | None, body: Body | None) -> tuple[Abstra
     return tuple(given) if given else None
 
 
+def checked(limits: Any) -> Any:
+    """Return `limits` with obstacles and a body in NumPy, made again, so that numbers that were traced are checked.
+
+    **Raises:** ValueError as when they are made.
+    """
+    if limits.keep_out is None or is_traced(limits):
+        return limits
+    own: Any = limits.body
+    body = None if own is None else Body(np.asarray(own.offsets, float), np.asarray(own.radii, float))
+    obstacles = tuple(x.checked() for x in limits.keep_out)
+    return eqx.tree_at(lambda x: (x.keep_out, x.body), limits, (obstacles, body), is_leaf=lambda x: x is None)
+
+
 def clearances_at(
     obstacles: Sequence[AbstractObstacle], body: Body | None, path: AbstractHodograph, t: Any
 ) -> dict[str, Float[Array, "*n"]]:

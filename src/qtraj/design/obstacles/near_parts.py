@@ -21,6 +21,9 @@ from qtraj.design.obstacles.piece import Piece, floats
 LEVELS = 8
 """Number of halvings."""
 
+STEADY = 1e-5
+"""A direction is known in floats if its length is at least this fraction of the sum of its coefficients."""
+
 ROUNDING = 1e-9
 """The smallest distance that counts, as a fraction of the numbers from which it is computed."""
 
@@ -98,7 +101,9 @@ class NearParts:
         turning = offset @ [along + tilt, level + tilt, along + level + along * level + tilt]
         if not (offset[1] or offset[2]):
             turning = offset[0] * (along + tilt)
-        unknown = ~self._known[piece] | ~np.isfinite(turning) | np.isnan(own).any(axis=-1)
+        used = ahead[..., :2] if offset[1] or offset[2] else ahead
+        steady = np.linalg.norm(used, axis=-1) >= STEADY * np.abs(direction).sum(axis=(0, 2))
+        unknown = ~self._known[piece] | ~steady | ~np.isfinite(turning) | np.isnan(own).any(axis=-1)
         longest = np.linalg.norm(offset)
         return np.where(unknown[:, None], middle, own), np.where(unknown, longest, np.minimum(turning, 2 * longest))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import abc
+import dataclasses
 from fractions import Fraction
 from typing import Any
 
@@ -41,6 +42,13 @@ class AbstractObstacle(eqx.Module):
 
         The components of the centre are arrays or jets. The obstacle does not move.
         """
+
+    def checked(self) -> AbstractObstacle:
+        """Return this obstacle in NumPy, made again: numbers that were traced when it was made are checked now.
+
+        **Raises:** ValueError as when it is made.
+        """
+        return type(self)(*(np.asarray(getattr(self, field.name), float) for field in dataclasses.fields(self)))
 
     @property
     def track(self) -> Float[Array, "terms 3"] | None:

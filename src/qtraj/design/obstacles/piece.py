@@ -28,10 +28,20 @@ class Piece(NamedTuple):
     tilt: Fraction | None = Fraction(0)
     sign: int = 1
 
+    def knows(self, offset: Sequence[float]) -> bool:
+        """Return whether the axes of an offset are known; they are not at a standstill or on a vertical path."""
+        if self.direction is None:
+            return False
+        x, y, z = (not p.is_zero for p in self.direction)
+        return x or y or (z and not (offset[1] or offset[2]))
+
     def place(self, offset: Sequence[float], near: Any, near_times: Any) -> Place:
         """Return the centre of a ball; `near` (k, 3) are centres in floats at the times `near_times` (k,)."""
         own = placed(
-            self.position, self.time, self.direction, [self.sign * offset[0], self.sign * offset[1], offset[2]]
+            self.position,
+            self.time,
+            self.direction if self.knows(offset) else None,
+            [self.sign * offset[0], self.sign * offset[1], offset[2]],
         )
         return own._replace(near=near, near_times=near_times)
 
@@ -39,10 +49,10 @@ class Piece(NamedTuple):
         """Return a bound on the error of the centre [m]; None if it is not known."""
         if not any(offset):
             return self.error
+        if not self.knows(offset):  # but the distance from the position is known
+            return self.error + sum((abs(Fraction(x)) for x in offset), Fraction(0))
         if self.tilt is None:
             return None
-        if self.direction is None:  # the direction is not known, but the distance from the position is
-            return self.error + sum((abs(Fraction(x)) for x in offset), Fraction(0))
         return self.error + self.tilt * sum((abs(Fraction(x)) for x in offset), Fraction(0))
 
     def between(self, start: float, end: float) -> Piece:

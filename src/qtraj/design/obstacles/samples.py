@@ -22,10 +22,11 @@ class Samples:
     def __init__(self, pieces: Sequence[Piece], body: Body):
         self._body, self._count = body, len(pieces)
         self._position = floats([x.position for x in pieces])
-        unknown = [x.direction is None for x in pieces]
+        offsets = np.asarray(body.offsets, float).tolist()
         zero = [pieces[0].position[0] * 0] * 3
         self._direction = floats([zero if x.direction is None else x.direction for x in pieces])
-        self._unknown, self._sign = np.array(unknown), np.array([x.sign or 1 for x in pieces], float)
+        self._unknown = np.array([[not x.knows(offset) for x in pieces] for offset in offsets])
+        self._sign = np.array([x.sign or 1 for x in pieces], float)
         self._time = floats([[x.time] * 3 for x in pieces])[..., 0]
         self._offset = np.linalg.norm(np.asarray(body.offsets, float), axis=1)
 
@@ -41,7 +42,7 @@ class Samples:
         """Return the clearances (k, n) [m] of the body at fractions `u` (k, n)."""
         centres, times = self.centres(u, chosen)
         radii = np.asarray(self._body.radii, float)[:, None, None]
-        reach = radii + np.where(self._unknown[chosen], self._offset[:, None, None], 0.0)
+        reach = radii + np.where(self._unknown[:, None, chosen], self._offset[:, None, None], 0.0)
         return np.min(
             np.asarray(obstacle.distance(centres, np.broadcast_to(times, centres.shape[:-1]))) - reach, axis=0
         )

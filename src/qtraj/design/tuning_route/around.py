@@ -49,9 +49,10 @@ def require_possible(route: Route, limits: Limits, held: np.ndarray) -> None:
             "each direction"
         )
     for k, (t, where) in enumerate(((0.0, "start"), (float(np.asarray(route.duration)), "end"))):
-        if obstacles and held[-k].all():
+        fixed = held[-k, :2].all() if limits.body is not None and limits.body.turns else held[-k, 0]
+        if obstacles and fixed:
             for name, value in clearances_at(obstacles, limits.body, route, np.array([t])).items():
-                if not float(np.asarray(value)[0]) >= 0:
+                if float(np.asarray(value)[0]) < 0:  # NaN where the direction of the body is not known
                     raise ValueError(
                         f"at the {where} of the route, which is fixed, the body is inside {name}, by "
                         f"{-float(np.asarray(value)[0]):.4g} m: move the {where}, or free it with fixed="

@@ -14,6 +14,9 @@ from qtraj.path.quantity import quantity
 MORE = (1.01, 1.1, 1.5)
 """Limits are raised by these multiples of their violations, one after the other."""
 
+LEAST = 1e-3
+"""Lower bounds of quantities that are never negative are reduced to this fraction of the given ones at most."""
+
 BISECTIONS = 3
 """Number of bisections for the smallest raised limits."""
 
@@ -43,7 +46,7 @@ def remedy(
     raised = _raised(limits, least, lambda values: solves(Change(limits | values, False, objective)))
     if raised is None:
         return "Widen the tube, relax these limits further, or fix fewer states."
-    texts = [f"{name} = {value:.4g} {quantity(name).label}" for name, value in raised.items()]
+    texts = [f"{name} = {value:.4g} {quantity(name).label.strip('-')}".rstrip() for name, value in raised.items()]
     return f"With {' and '.join(texts)}, every limit is satisfied, as another search has proved."
 
 
@@ -53,7 +56,8 @@ def _raised(
     """Return limits, between the given ones and those in `least` or a little above, that can be satisfied."""
 
     def between(part: float) -> dict[str, float]:
-        return {name: _wider(name, limits[name] + part * (value - limits[name])) for name, value in least.items()}
+        found = {name: limits[name] + part * (value - limits[name]) for name, value in least.items()}
+        return {name: _wider(name, _allowed(name, value, limits[name])) for name, value in found.items()}
 
     low, high = 0.0, next((part for part in MORE if solves(between(part))), None)
     if high is None:
@@ -91,6 +95,11 @@ def reached(limits: dict[str, float], found: Found) -> dict[str, float]:
 def _at_ends(found: Found) -> bool:
     missed: Any = found.missed
     return missed is not None and bool(missed[:, [0, -1]].any())
+
+
+def _allowed(name: str, value: float, given: float) -> float:
+    """Return the limit, or, for a lower bound of a quantity that is never negative, at least a small positive one."""
+    return max(value, LEAST * given) if quantity(name).lower else value
 
 
 def _wider(name: str, value: float) -> float:

@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from qtraj.design.tuning_route import geometry
 from qtraj.design.tuning_route.setup import Parts
+from qtraj.foundation.arrays import is_traced
 from qtraj.foundation.methods import method
 from qtraj.path.distances import distances
 from qtraj.path.driving import segments_of
@@ -27,6 +28,10 @@ def require_target(path: Any, objective: str) -> None:
     if objective != "nearest":
         raise ValueError(
             f"nearest_to belongs to objective='nearest', but the objective is {objective!r}: remove one of the two"
+        )
+    if is_traced(path):
+        raise ValueError(
+            "the result of tune_route has no derivatives with respect to nearest_to: pass a path with concrete values"
         )
     if np.ndim(path.duration):
         raise ValueError("nearest_to must be one path, but a batch was given: tune the routes one by one")

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from qtraj.design.limit_checks import require_known_road
 from qtraj.design.limits import Limits, limits_of, require_limits
-from qtraj.design.obstacles.keep_out import refuse_obstacles
+from qtraj.design.obstacles.keep_out import checked, refuse_obstacles
 from qtraj.design.proof.certificate import UNDEFINED
 from qtraj.design.tuning_route import along, around, circuit, roads, rounds, target
 from qtraj.design.tuning_route.arguments import (
@@ -141,7 +142,7 @@ def tune_route(
     tube, objective = 0.5 if tube is None else tube, objective or "nearest"
     require_route(route, limits)
     names = limited(limits, objective)
-
+    require_known_road(limits.vehicle, limits.given())
     if nearest_to is not None:
         require_target(nearest_to, objective)
 
@@ -170,6 +171,7 @@ def _solution(
 ) -> Solution:
     """Return the result and the search behind it, for concrete arguments."""
     limited(limits, objective)
+    limits = checked(limits)
     if closed:
         circuit.require_closed(route)
     given = parts(route, closed)
