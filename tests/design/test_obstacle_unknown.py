@@ -66,3 +66,18 @@ def test_a_touch_at_whole_metres_is_decided_at_once():
     """Small integers were rounded when cells were halved, so that touches took seconds."""
     certificate = qt.certify(LINE, qt.Limits(keep_out=[qt.Ball([10.0, 1.0, 0.0], 1.0)]))
     assert certificate.status["keep_out[0]"] == "proved"
+
+
+@pytest.mark.parametrize("axes", [[1e-170] * 3, [1e170] * 3, [1.0, 1.0, 1e-8]])
+def test_ellipsoids_that_floats_cannot_represent_are_refused(axes):
+    with pytest.raises(ValueError, match="the semi-axes of an ellipsoid must be from 1e-100 m"):
+        qt.Ellipsoid([0.0, 0.0, 0.0], axes)
+    with pytest.raises(ValueError, match="an ellipsoid"), np.errstate(over="ignore"):
+        qt.Ellipsoid([0.0, 0.0, 0.0], np.diag(np.square(axes)))
+
+
+def test_the_clearance_from_a_traced_obstacle():
+    clearance = lambda radius: qt.clearance(LINE, [3.0], qt.Limits(keep_out=[qt.Ball([20.0, 0.3, 0.0], radius)]))  # noqa: E731
+    expected = np.hypot(5.0, 0.3) - 1.0
+    np.testing.assert_allclose(jax.jit(clearance)(1.0)["keep_out[0]"], [expected])
+    np.testing.assert_allclose(jax.grad(lambda radius: clearance(radius)["keep_out[0]"][0])(1.0), -1.0)

@@ -50,5 +50,6 @@ def clearance(path: AbstractHodograph, times: ArrayInput, limits: Limits) -> dic
     checked(limits)
     obstacles: Any = limits.keep_out
     if is_traced(path, t, limits) or not path.supports_numpy:
-        return clearances_at(obstacles, limits.body, path, jnp.asarray(t))
+        given = is_traced(path, t) or not path.supports_numpy
+        return clearances_at(obstacles, limits.body, path, jnp.asarray(t) if given else np.asarray(t, float))
     return in_numpy(clearances_at)(obstacles, limits.body, path, np.asarray(t, float))

@@ -18,8 +18,8 @@ def cos_and_sin(x: float) -> tuple[Fraction, Fraction, Fraction]:
     """Return dyadic approximations of cos x and sin x, and a bound on the errors of both.
 
     The angle is halved until it is below 1/2. There the Taylor series is summed with `BITS` bits, and each term is
-    rounded by less than one unit of the last bit. Each doubling (cos 2x =
-    2cos²x − 1, sin 2x = 2 sin x cos x) makes an error e at most 4e + 2e² plus roundings.
+    rounded by less than one unit of the last bit. Each doubling (cos 2x = 2cos²x − 1, sin 2x = 2 sin x cos x) makes an
+    error e at most 4e + 2e² plus roundings, which is at most 5e plus roundings for e ≤ 1/2.
     """
     halvings = max(0, math.frexp(x)[1] + 1)
     one = 1 << BITS
@@ -37,6 +37,8 @@ def cos_and_sin(x: float) -> tuple[Fraction, Fraction, Fraction]:
     for _ in range(halvings):
         cos, sin = (2 * cos * cos >> BITS) - one, 2 * sin * cos >> BITS
         error = 5 * error + 2
+        if 2 * error >= one:  # a huge angle: only that both are at most 1 is known
+            return Fraction(0), Fraction(0), Fraction(1)
     return Fraction(cos, one), Fraction(sin, one), Fraction(error, one)
 
 

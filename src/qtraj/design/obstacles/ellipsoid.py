@@ -22,6 +22,9 @@ from qtraj.foundation.types import ArrayInput, Mat3
 STEPS = 16
 """Newton steps for the distance; the last one is differentiable."""
 
+SMALLEST, THINNEST = 1e-100, 1e6
+"""The smallest semi-axis [m], and the largest ratio of two semi-axes."""
+
 INSIDE = 1 - 2.0**-40
 """A point of the surface is moved inwards by this factor, so that rounding errors cannot put it outside."""
 
@@ -249,13 +252,27 @@ def _matrix(given: ArrayInput) -> Any:
     if found.ndim == 1:
         if known is not None and not (known > 0).all():
             raise ValueError(f"the semi-axes of an ellipsoid must be positive [m], but {known.tolist()} was given")
+        if known is not None:
+            _require_usual(np.asarray(known, float))
         return (found * found)[:, None] * np.eye(3, dtype=found.dtype)
     if known is not None and not ((known == known.T).all() and _positive(_fractions(known))):
         raise ValueError(
             "the matrix of an ellipsoid must be symmetric and positive definite [m²], but "
             f"{known.tolist()} was given: pass 0.5 * (P + P.T) if only rounding errors make it unsymmetric"
         )
+    if known is not None:
+        _require_usual(np.sqrt(np.maximum(np.linalg.eigvalsh(np.asarray(known, float)), 0.0)))
     return found
+
+
+def _require_usual(axes: np.ndarray) -> None:
+    """Raise a ValueError for semi-axes [m] with which distances cannot be computed in floats."""
+    least, most = float(axes.min()), float(axes.max())
+    if not (least >= SMALLEST and most <= 1 / SMALLEST and most <= THINNEST * least):
+        raise ValueError(
+            f"the semi-axes of an ellipsoid must be from {SMALLEST:g} m to {1 / SMALLEST:g} m, and differ by at most a "
+            f"factor of {THINNEST:g}, but they are {_extent(axes)} m: use a Cylinder or a HalfSpace"
+        )
 
 
 def _positive(P: Sequence[Sequence[Fraction]]) -> bool:
