@@ -87,7 +87,7 @@ class SpeedProfile(AbstractResult):
     durations: Float[Array, " 2"]
     stops: Float[Array, "s 2"]
     stop_distance: Float[Array, " s"]
-    vehicle: Vehicle | None
+    vehicle: Vehicle | None = None
 
     def share(self, name: str) -> float:
         """Return the fraction of the distance on which the limit with this name is reached.
