@@ -1,5 +1,6 @@
 """Speed profiles of timings with known values: constant acceleration, a circle, a stop."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,6 +10,7 @@ from scipy.interpolate import CubicSpline
 import qtraj as qt
 from qtraj.design.retimed_facts import retimed_fact_rows, retimed_limit_rows
 from qtraj.design.whole_certificate import whole_certificate
+from qtraj.path.vehicle_data import vehicle_from
 from qtraj.viz import figures
 
 RADIUS, CELLS = 20.0, 4
@@ -150,6 +152,24 @@ def test_the_figure_colours_the_speed_by_its_limits(profile):
     assert limits == [-0.5, 0.5]
     assert panels[-1].get_xlabel() == "distance travelled [m]"
     assert figure.get_suptitle() == "On a circle"
+
+
+def test_a_road_that_changes_has_panels(timed, tmp_path):
+    road = qt.Road([0.0, 8.0, 16.0], bank=[0.0, 0.1, 0.0], friction=[0.8, 0.3, 0.8])
+    vehicle = qt.Vehicle(1e3, road=road)
+    profile = qt.speed_profile(eqx.tree_at(lambda x: x.vehicle, timed, vehicle, is_leaf=lambda x: x is None))
+    panels = {axes.get_ylabel(): axes for axes in profile.plot().axes}
+    for label, values in (
+        ("bank of\nthe road [°]", np.degrees([0.0, 0.1, 0.0])),
+        ("friction of\nthe road [-]", [0.8, 0.3, 0.8]),
+    ):
+        [line] = panels[label].lines
+        np.testing.assert_allclose(line.get_xdata(), profile.distance)
+        np.testing.assert_allclose(line.get_ydata(), np.interp(line.get_xdata(), road.distance, values), atol=1e-12)
+    qt.save_dataset(profile.to_xarray(), tmp_path / "timing.nc")
+    loaded = vehicle_from(qt.load_dataset(tmp_path / "timing.nc").data_vars)
+    assert loaded is not None
+    assert loaded.road == road
 
 
 def test_a_retimed_path_has_a_figure_and_a_dataset_of_both_paths(timed):

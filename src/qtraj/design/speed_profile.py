@@ -27,7 +27,8 @@ from qtraj.foundation.types import Scalar
 from qtraj.path.distances import distances_at
 from qtraj.path.frenet import Invariants
 from qtraj.path.quantity import COMBINED, quantity
-from qtraj.path.vehicle import RoadParameters
+from qtraj.path.vehicle import RoadParameters, Vehicle
+from qtraj.path.vehicle_data import vehicle_quantities
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -66,6 +67,7 @@ class SpeedProfile(AbstractResult):
     - `durations` (2,) [s] of the original and of the retimed path; the first one is NaN for a shape.
     - `stops` (s, 2) [s]: the time intervals at rest; for a start or an end at rest, the interval has zero length.
     - `stop_distance` (s,) [m]: the distances at which the vehicle is at rest.
+    - `vehicle`: the vehicle of the limits, or None.
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
@@ -85,6 +87,7 @@ class SpeedProfile(AbstractResult):
     durations: Float[Array, " 2"]
     stops: Float[Array, "s 2"]
     stop_distance: Float[Array, " s"]
+    vehicle: Vehicle | None = None
 
     def share(self, name: str) -> float:
         """Return the fraction of the distance on which the limit with this name is reached.
@@ -124,6 +127,7 @@ class SpeedProfile(AbstractResult):
             "duration": Quantity(self.durations, "s", "duration", ("path",)),
             "stop_time": Quantity(self.stops, "s", "time interval at rest", ("stop", "end")),
             "stop_distance": Quantity(self.stop_distance, "m", "distance at which the vehicle is at rest", ("stop",)),
+            **vehicle_quantities(self.vehicle),
         }
         units = np.array([quantity(name).unit for name in self.names], dtype=str)
         coordinates = {
@@ -196,6 +200,7 @@ def speed_profile(timed: Retimed) -> SpeedProfile:
         durations=as_float([np.nan if timed.of_shape else float(timed.path.path.duration), float(timing.duration)]),
         stops=as_float(stops),
         stop_distance=as_float(places),
+        vehicle=timed.vehicle,
     )
 
 
@@ -246,9 +251,8 @@ def _sampled(
         if vehicle is not None:
             bounds: Any = dict(zip(names, limits, strict=True))
             ahead, second = (jnp.stack(x) for x in own.r[1:3])
-            grip = coefficients(
-                ahead / unit_speed, tuple(second), unit_speed, jnp.asarray(0.5, u.dtype), vehicle, bounds
-            ).upper
+            half = jnp.asarray(0.5, u.dtype)
+            grip = coefficients(ahead / unit_speed, tuple(second), unit_speed, half, vehicle, bounds).upper
         return _Samples(t, speed, i.B / speed, values, of_unit, unit_speed, grip)
 
     found = jax.vmap(sample, (0, 1, None if vehicle is None else 0))(*at, vehicle)

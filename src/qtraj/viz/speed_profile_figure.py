@@ -10,6 +10,7 @@ from matplotlib.ticker import MaxNLocator
 
 from qtraj.foundation.units import symbol
 from qtraj.path.quantity import quantity
+from qtraj.viz.road_panels import draw_road, road_panels
 from qtraj.viz.style import BAND, BOUND, RC, WIDTH, head, title
 
 COLOURS = {
@@ -49,13 +50,14 @@ def speed_profile_figure(dataset: xarray.Dataset) -> Figure:
     """Draw the speed, coloured by the active limit, and each limited acceleration or jerk, against the distance.
 
     `dataset` is the result of `qtraj.SpeedProfile.to_xarray`. The grey area contains the speeds that the limits exclude
-    even at constant speed. Bars show where each limit is reached, with the percentage of the distance.
+    even at constant speed. Bars show where each limit is reached, with the percentage of the distance. The last panels
+    show the bank and the friction of a road that changes along the way.
     """
     names = [str(name) for name in dataset["limit"].values]
     panels = [panel for panel in PANELS if panel in map(_panel_of, names)]
-    bars = ROW * len(names) + 0.12
+    bars, road = ROW * len(names) + 0.12, road_panels(dataset)
     with mpl.rc_context(RC):
-        heights = [SPEED, bars, *[PANEL] * len(panels)]
+        heights = [SPEED, bars, *[PANEL] * (len(panels) + len(road))]
         band = BAND if title(dataset) else 0.0
         height = sum(heights) + GAP * (len(heights) - 1) + TOP + BOTTOM + band
         figure = Figure(figsize=(WIDTH, height))
@@ -68,8 +70,12 @@ def speed_profile_figure(dataset: xarray.Dataset) -> Figure:
         way = dataset["distance"].values / scale
         _draw_speed(drawn[0], dataset, names, way)
         _draw_bars(drawn[1], dataset, names, scale)
-        for axes, name in zip(drawn[2:], panels, strict=True):
-            _draw_panel(axes, dataset, names, name, way)
+        for axes, name in zip(drawn[2:], [*panels, *road], strict=True):
+            if name in road:
+                draw_road(axes, dataset, dataset["distance"].values, way, name)
+                axes.set_ylabel(road[name], fontsize=7.5)
+            else:
+                _draw_panel(axes, dataset, names, name, way)
         for axes in drawn:
             axes.grid(alpha=0.25, lw=0.5)
             axes.set_xlim(0, way[-1])
