@@ -220,6 +220,14 @@ CALLS = {
         lambda J, M: qt.RigidBody(J, torque=M).free(0.0, np.array(ONE, float), np.array(RATE, float)),
         *([3, 4, 5], [1, 0, 2]),
     ),
+    "RigidBody.free": (BODY.free, 1, TURNED, RATE),
+    "RigidBody.acceleration": (BODY.acceleration, 1, TURNED, [0, 1, 2], [1, 2, 0], [1, 0, 2]),
+    "RigidBody.commanded_torques": (BODY.commanded_torques, [1, 0, 0], [0, 1, 0], [1, 0, 1]),
+    **{
+        f"RigidBody.{name}": (getattr(BODY, name), [1, 0, 2], [1, 2, 0])
+        for name in ("actual_torques", "control_torque", "momentum_rate")
+    },
+    "RigidBody.wheel_momentum": (BODY.wheel_momentum, [1, 2, 0]),
     "ReactionWheels": (
         lambda *x: vars(qt.ReactionWheels(x[0], momentum=x[1])),
         *([[1, 0, 0], [0, 1, 0], [0, 1, 2]], [0, 1, 2]),
@@ -333,8 +341,6 @@ INTERNAL = (
     *("Limits.road", "Limits.require_batch", "Limits.require_constant"),
 )
 SIMULATED = (
-    *(f"RigidBody.{name}" for name in ("acceleration", "actual_torques", "commanded_torques", "control_torque")),
-    *(f"RigidBody.{name}" for name in ("free", "momentum_rate", "wheel_momentum")),
     *("HystereticLaw.switches", "HystereticLaw.updated_sign", "PoseLaw.__call__", "Damping", "Gyros", "Sensor"),
 )
 ON_THE_HOST = (
