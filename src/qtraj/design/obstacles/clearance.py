@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.design.limits import Limits, require_limits
@@ -50,4 +49,4 @@ def clearance(path: AbstractHodograph, times: ArrayInput, limits: Limits) -> dic
     obstacles: Any = limits.keep_out
     if is_traced(path, t, limits) or not path.supports_numpy:
         return clearances_at(obstacles, limits.body, path, jnp.asarray(t))
-    return in_numpy(clearances_at)(obstacles, limits.body, path, np.asarray(t, float))
+    return in_numpy(clearances_at)(obstacles, limits.body, path, t)
