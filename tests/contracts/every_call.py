@@ -22,6 +22,7 @@ INERTIA = [3.0, 4.0, 5.0]
 BODY = qt.RigidBody(INERTIA, wheels=qt.ReactionWheels(np.eye(3), max_torque=9.0, max_momentum=9.0))
 ORBIT = torques.CircularOrbit(3.0, mu=2.0)
 AIR = torques.AerodynamicTorque([0.0, 0, 1], 2.0, 1.0, ORBIT.velocity)
+DIPOLE = torques.MagneticDipole([1.0, 0, 1], [1.0, 2, 3])
 ARM = qt.stanford_arm()
 POSE = qt.PoseProgram(PATH, FRAME)
 SPEED = {"speed": 4.0, "acceleration": 2.0}
@@ -58,6 +59,12 @@ def frame_of(tri):
     return tri.quaternion(), tri.rate, tri.acceleration, tri.curvature
 
 
+def clearance_from(obstacle):
+    """The distance of a point from an obstacle, of its numbers."""
+    return lambda *x: qt.clearance(PATH, 1.0, qt.Limits(keep_out=[obstacle(*x)]))["keep_out[0]"]
+
+
+SHAPE = np.array([[4.0, 1, 0], [1, 3, 1], [0, 1, 2]])
 VELOCITIES = np.array([1.0, 5, 0]), np.array([-6.0, 2, 1])
 TWO_STATES = [5, 0, 0], [0, 4, 1], [0, 6, 2], [-4, 1, 1]
 HELIX = [10], [0, 1], [0, 2], 4
@@ -112,6 +119,12 @@ CALLS = {
     "Limits": (lambda v, a: qt.Limits(speed=v, acceleration=a).margins(PATH, 1.0), 12, 9),
     "Limits.margins": (lambda t: qt.Limits(**SPEED).margins(PATH, t), 2),
     "Limits.values": (lambda t: qt.Limits(**SPEED).values(PATH, t), 2),
+    "Ball": (clearance_from(qt.Ball), [3, 1, 2], 2),
+    "Cylinder": (clearance_from(qt.Cylinder), [3, 1, 2], [1, 2, 0], 2),
+    "Ellipsoid": (clearance_from(lambda c, x: qt.Ellipsoid(c, x * SHAPE)), [3, 1, 2], 2),
+    "HalfSpace": (clearance_from(qt.HalfSpace), [0, 1, 2], 3),
+    "ConvexPolygon": (clearance_from(qt.ConvexPolygon), [[0, 0], [4, 0], [5, 3], [0, 4]]),
+    "clearance": (lambda t: qt.clearance(PATH, t, qt.Limits(keep_out=[qt.Ball([3.0, 1, 2], 2.0)])), 2),
     "Along": (lambda s, v: qt.Along(s, v, kind="linear").at(1.5), [0, 1, 3], [5, 4, 2]),
     "Along.at": (qt.Along([0.0, 1, 3], [5.0, 4, 2], kind="linear").at, 2),
     "BySpeed.at": (qt.BySpeed([0.0, 10, 30], upper=[3.0, 3, 1]).at, 20),
@@ -207,6 +220,14 @@ CALLS = {
         lambda J, M: qt.RigidBody(J, torque=M).free(0.0, np.array(ONE, float), np.array(RATE, float)),
         *([3, 4, 5], [1, 0, 2]),
     ),
+    "RigidBody.free": (BODY.free, 1, TURNED, RATE),
+    "RigidBody.acceleration": (BODY.acceleration, 1, TURNED, [0, 1, 2], [1, 2, 0], [1, 0, 2]),
+    "RigidBody.commanded_torques": (BODY.commanded_torques, [1, 0, 0], [0, 1, 0], [1, 0, 1]),
+    **{
+        f"RigidBody.{name}": (getattr(BODY, name), [1, 0, 2], [1, 2, 0])
+        for name in ("actual_torques", "control_torque", "momentum_rate")
+    },
+    "RigidBody.wheel_momentum": (BODY.wheel_momentum, [1, 2, 0]),
     "ReactionWheels": (
         lambda *x: vars(qt.ReactionWheels(x[0], momentum=x[1])),
         *([[1, 0, 0], [0, 1, 0], [0, 1, 2]], [0, 1, 2]),
@@ -220,7 +241,7 @@ CALLS = {
     ),
     "GravityGradient.__call__": (torques.GravityGradient([3.0, 4, 5], ORBIT, mu=2.0), 1, TURNED, [0, 1, 2]),
     "torques.MagneticDipole": (lambda *x: torques.MagneticDipole(*x)(0.0, *QUATERNIONS), [1, 0, 1], [1, 2, 3]),
-    "MagneticDipole.__call__": (torques.MagneticDipole([1.0, 0, 1], [1.0, 2, 3]), 1, TURNED, [0, 1, 2]),
+    "MagneticDipole.__call__": (DIPOLE, 1, TURNED, [0, 1, 2]),
     "torques.AerodynamicTorque": (
         lambda *x: torques.AerodynamicTorque(*x)(0.0, *QUATERNIONS),
         *([0, 0, 1], 2, 1, [3, 2, 1], 2),
@@ -229,6 +250,9 @@ CALLS = {
     "TorqueSum.__call__": (torques.TorqueSum([AIR, [0.0, 1, 2]]), 1, TURNED, [0, 1, 2]),
     "Sinusoid": (lambda *x: qt.Sinusoid(*x)(np.array(0.5)), [1, 2, 0], 3, 1),
     "DisturbanceTorque": (lambda *x: qt.DisturbanceTorque(*x).acceleration(0.0), [1, 2, 0], [3, 4, 5]),
+    "Sinusoid.__call__": (qt.Sinusoid([1.0, 2, 0], 3.0, 1.0), 1),
+    "DisturbanceTorque.acceleration": (qt.DisturbanceTorque(DIPOLE, INERTIA).acceleration, 1, TURNED, [0, 1, 2]),
+    "DisturbanceAcceleration.acceleration": (qt.DisturbanceAcceleration(DIPOLE).acceleration, 1, TURNED, [0, 1, 2]),
     "DisturbanceAcceleration": (lambda a: qt.DisturbanceAcceleration(a).acceleration(0.0), [1, 2, 0]),
     "Actuator": (lambda limit: qt.Actuator(limit)(np.array([0.0, 3, 4, 0])), 2),
     "Actuator.__call__": (qt.Actuator(2.0), [0, 3, 4, 1]),
@@ -283,6 +307,7 @@ MEMBERS = {
     **dict.fromkeys(("components", "components_at", "sampled", "span", "nodes", "polynomials"), "between own modules"),
     **dict.fromkeys(("driven", "prepared", "timed", "increment"), "between own modules"),
     **dict.fromkeys(("measure", "start", "slope", "updated"), "called by the simulation, with arrays of one dtype"),
+    **dict.fromkeys(("distance", "outside", "occupancy", "at_rest", "enters"), "of obstacles, between own modules"),
     **dict.fromkeys(("at_least", "sides", "without_missing", "scaled", "strictest"), "of limits, between own modules"),
 }
 """Names of methods of any class to which kinds and shapes of arguments do not apply."""
@@ -312,13 +337,10 @@ INTERNAL = (
     *("AxesFrame.trihedral", "Natural.trihedral", "Upright.trihedral", "Upright.unit_up", "Vehicle.parameters"),
     *("BySpeed.loosest", "BySpeed.stricter", "Route.in_time", "Timing.taylor", "Timing.taylor_at"),
     *("Timing.motion_at", "Timing.times_of", "Road.at", "Road.sections", "Road.steepest"),
-    *(f"Limits.{name}" for name in ("constant", "factors", "given", "on", "on_shape", "on_timing", "only", "reduced")),
+    *(f"Limits.{name}" for name in ("constant", "given", "on", "on_shape", "on_timing", "only")),
     *("Limits.road", "Limits.require_batch", "Limits.require_constant"),
 )
 SIMULATED = (
-    *(f"RigidBody.{name}" for name in ("acceleration", "actual_torques", "commanded_torques", "control_torque")),
-    *(f"RigidBody.{name}" for name in ("free", "momentum_rate", "wheel_momentum")),
-    *("DisturbanceAcceleration.acceleration", "DisturbanceTorque.acceleration", "Sinusoid.__call__"),
     *("HystereticLaw.switches", "HystereticLaw.updated_sign", "PoseLaw.__call__", "Damping", "Gyros", "Sensor"),
 )
 ON_THE_HOST = (

@@ -75,6 +75,14 @@ def is_traced(*trees: Any) -> bool:
     return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(trees))
 
 
+def require_concrete(function: str, *trees: Any) -> None:
+    """Raise a ValueError if any leaf is traced; `function` is the name of the function that needs the values."""
+    if is_traced(*trees):
+        raise ValueError(
+            f"{function} needs concrete values, but traced values were given: call it outside jit, grad and vmap"
+        )
+
+
 def constants(tree: Any) -> Any:
     """Return `tree` with its traced arrays replaced by constants; under grad outside jit and vmap, these are concrete.
 

@@ -24,6 +24,7 @@ LAWS = {
 }
 INERTIAS = {"sphere": 12.0, "principal": [10.0, 14.0, 20.0], "tensor": TENSOR}
 LIMITS = {"length": 2.0, "axes": [1.0, 2.0, 2.5]}
+SLEW = qt.EulerTurn(START, END, qt.Quintic(duration=3.0))
 
 
 def tensor(inertia):
@@ -205,3 +206,29 @@ def test_the_recommended_duration_suffices(law):
 def test_other_programs_are_refused():
     with pytest.raises(ValueError, match="an EulerTurn or a SlewSequence was expected"):
         qt.peak_torque(qt.FrameProgram(qt.SpiralHelix([10.0], [0.0, 0.4], [0.0], 5.0)), 1.0)
+
+
+@pytest.mark.parametrize("transform", [jax.jit, jax.grad], ids=["jit", "grad"])
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda x: qt.peak_torque(SLEW, x).norm,
+        lambda x: qt.within_torque(SLEW, x, 2.0).duration,
+        lambda x: qt.within_torque(SLEW, 9.0, x).duration,
+        lambda x: qt.judge_slew(SLEW, inertia=x).peaks[0],
+        lambda x: qt.slew_history(SLEW, [0.0, x], 9.0).torque[0, 0],
+        lambda x: qt.peak_torque(qt.EulerTurn(START, END, qt.Cubic(duration=x)), 9.0).norm,
+        lambda x: qt.slew_history(qt.EulerTurn(START, END, qt.Cubic(duration=x)), [0.0, 1.0], 9.0).angle[0],
+    ],
+)
+def test_traced_arguments_are_refused_with_advice(transform, call):
+    with pytest.raises(ValueError, match="needs concrete values, but traced values were given: call it outside jit"):
+        transform(call)(2.0)
+
+
+def test_the_history_inside_jit_is_refused_and_its_torque_may_be_differentiated():
+    times = np.array([0.1, 0.7])
+    with pytest.raises(ValueError, match="slew_history needs concrete values"):
+        jax.jit(lambda J: qt.slew_history(SLEW, times, J).torque)(9.0)
+    slope = jax.jacfwd(lambda J: qt.slew_history(SLEW, times, J).torque)(9.0)  # the torque is linear in the inertia
+    np.testing.assert_allclose(slope, np.asarray(qt.slew_history(SLEW, times, 9.0).torque) / 9.0, rtol=1e-12)

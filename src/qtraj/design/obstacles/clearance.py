@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.design.limits import Limits, require_limits
@@ -52,4 +51,4 @@ def clearance(path: AbstractHodograph, times: ArrayInput, limits: Limits) -> dic
     if is_traced(path, t, limits) or not path.supports_numpy:
         given = is_traced(path, t) or not path.supports_numpy
         return clearances_at(obstacles, limits.body, path, jnp.asarray(t) if given else np.asarray(t, float))
-    return in_numpy(clearances_at)(obstacles, limits.body, path, np.asarray(t, float))
+    return in_numpy(clearances_at)(obstacles, limits.body, path, t)

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from qtraj.foundation.arrays import as_float
+from qtraj.foundation.arrays import as_float, require_concrete
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, extent, times_text
 from qtraj.foundation.types import ArrayInput
@@ -125,14 +125,18 @@ def slew_history(
     `inertia` [kg m²], body axes: a scalar, principal moments (3,), or a tensor (3, 3). With None, no torque is
     computed.
 
-    **Raises:** ValueError for a program that is neither an `EulerTurn` nor a `SlewSequence`, or an invalid inertia.
+    **Raises:** ValueError for a program that is neither an `EulerTurn` nor a `SlewSequence`, an invalid inertia, or
+    inside a trace.
     """
+    require_concrete("slew_history", program, times)
     instants = np.asarray(times, float)
     angle = np.zeros((len(instants), 3))
     total = 0.0
     for k, leg in enumerate(slew_legs(program)):
         later = (instants >= leg.start) if k else np.ones(len(instants), bool)
-        values = np.asarray(_derivatives(leg.profile, jnp.asarray(instants - leg.start)))
+        values = _derivatives(leg.profile, jnp.asarray(instants - leg.start))
+        require_concrete("slew_history", values)  # traced inside jit, although the arguments are constants
+        values = np.asarray(values)
         angle[later] = (values + np.array([total, 0.0, 0.0]))[later]
         total += float(leg.profile.total)
     attitudes = attitudes_at(program, jnp.asarray(instants))

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from qtraj.foundation.arrays import concrete
+from qtraj.foundation.arrays import require_concrete
 from qtraj.foundation.types import ArrayInput
 from qtraj.motion.dynamics import inertia_matrix
 from qtraj.motion.profiles.profile import Profile
@@ -47,6 +47,7 @@ def peak_torque(program: EulerTurn | SlewSequence, inertia: ArrayInput) -> Torqu
     **Raises:** ValueError for an invalid inertia, a program that is neither an `EulerTurn` nor a `SlewSequence`, or
     inside a trace.
     """
+    require_concrete("the torque of a slew", program, inertia)
     J = np.asarray(inertia_matrix(inertia), float)
     axes, axes_times, norm, norm_time = np.zeros(3), np.zeros(3), 0.0, 0.0
     for start, axis, profile in slews_of(program):
@@ -81,11 +82,6 @@ def slews_of(program: EulerTurn | SlewSequence) -> list[tuple[float, np.ndarray,
         starts = [float(t) for t in program.times[:-1]]
     else:
         raise ValueError(f"an EulerTurn or a SlewSequence was expected, but a {type(program).__name__} was given")
-    if any(concrete(slew.angle) is None for slew in slews):
-        raise ValueError(
-            "the torque of a slew needs concrete values, but a traced slew was given: call this function outside jit, "
-            "grad and vmap"
-        )
     return [(start, np.asarray(slew.axis(), float), slew.profile) for start, slew in zip(starts, slews, strict=True)]
 
 

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import jax.numpy as jnp
 import numpy as np
 
-from qtraj.foundation.arrays import as_float, concrete
+from qtraj.foundation.arrays import as_float, concrete, require_concrete
 from qtraj.foundation.types import ArrayInput
 from qtraj.motion.dynamics import inertia_matrix
 from qtraj.motion.profiles.profile import END_STATES, AbstractProfile, has_end_states
@@ -44,6 +44,7 @@ def within_torque(
     rate or an end rate, or a fixed duration in which its profile cannot satisfy the limit; and in the same cases as
     `peak_torque`.
     """
+    require_concrete("within_torque", program, inertia, max_torque)
     bound = _bound(max_torque)
     ratio = _ratio(peak_torque(program, inertia), bound)
     if ratio <= 1:

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Int
 from numpy.polynomial import Polynomial
 
 from qtraj.algebra import quaternion
-from qtraj.foundation.arrays import real_vector
+from qtraj.foundation.arrays import real_vector, require_concrete
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult
 from qtraj.foundation.types import ArrayInput, Quat, Scalar
@@ -191,6 +191,7 @@ def judge_slew(
     **Raises:** ValueError for a program that is neither an `EulerTurn` nor a `SlewSequence`, unknown limits, an invalid
     inertia, a `max_torque` without an inertia, or inside a trace.
     """
+    require_concrete("judge_slew", program, limits, inertia, max_torque, end)
     legs, law = slew_legs(program), program.law
     user_bounds = _limits(law, limits)
     rows = [(name, *_peak(legs, ORDERS[name]), user_bounds.get(name)) for name in ORDERS]

@@ -19,10 +19,19 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.algebra.vector import norm
-from qtraj.foundation.arrays import as_float, concrete, real_scalar, require_finite, require_positive
+from qtraj.foundation.arrays import (
+    as_float,
+    concrete,
+    one_instant,
+    real_scalar,
+    real_vector,
+    require_finite,
+    require_positive,
+)
 from qtraj.foundation.document import storable
+from qtraj.foundation.float_arguments import single_arguments
 from qtraj.foundation.shown import shown
-from qtraj.foundation.types import ArrayInput, Mat3, Quat, Scalar, Vec3
+from qtraj.foundation.types import ArrayInput, Mat3, Quat, Scalar, ScalarLike, Vec3
 from qtraj.motion.dynamics import inertia_matrix
 from qtraj.motion.simulation.signals import Signal, SignalInput, at_state, checked_signal
 
@@ -150,11 +159,13 @@ class RigidBody(eqx.Module):
         """The initial momenta (n,) [N m s] of the wheels; (0,) without wheels."""
         return jnp.zeros_like(self.inertia, shape=(0,)) if self.wheels is None else self.wheels.momentum
 
-    def commanded_torques(self, acceleration: Vec3, rate: Vec3, momentum: Momenta) -> Torques:
+    @single_arguments
+    def commanded_torques(self, acceleration: Vec3, rate: Vec3, momentum: ArrayInput) -> Torques:
         """Return the commanded motor torques (n,) [N m] for an `acceleration` [rad/s²], within the motors' limits.
 
         Without wheels, return the commanded torque (3,) on the body.
         """
+        acceleration, rate = jnp.asarray(acceleration), jnp.asarray(rate)
         assumed = self.assumed.astype(rate.dtype)
         total_momentum = _matmul(assumed, rate) + self.wheel_momentum(momentum)
         torque = _matmul(assumed, acceleration) + jnp.cross(rate, total_momentum)
@@ -166,45 +177,60 @@ class RigidBody(eqx.Module):
         ratio = jnp.max(jnp.abs(motors) / self.wheels.max_torque.astype(motors.dtype))
         return motors / jnp.maximum(ratio, 1.0)
 
-    def actual_torques(self, commanded: Torques, momentum: Momenta) -> Torques:
+    def actual_torques(self, commanded: ArrayInput, momentum: ArrayInput) -> Torques:
         """Return the motor torques; a torque that would accelerate a wheel beyond its maximum momentum is zero."""
+        commanded, momentum = self._torques(commanded), self._momenta(momentum)
         if self.wheels is None or self.wheels.max_momentum is None:
             return commanded
         at_maximum = jnp.abs(momentum) >= self.wheels.max_momentum.astype(momentum.dtype)
         return jnp.where(at_maximum & (commanded * momentum > 0), 0.0, commanded)
 
-    def control_torque(self, commanded: Torques, momentum: Momenta) -> Vec3:
+    def control_torque(self, commanded: ArrayInput, momentum: ArrayInput) -> Vec3:
         """Return the actual torque (3,) [N m] of motors or thrusters on the body, body axes."""
         torques = self.actual_torques(commanded, momentum)
         return torques if self.wheels is None else -_matmul(torques, self.wheels.axes.astype(torques.dtype))
 
-    def acceleration(self, t: Scalar, quaternion: Quat, rate: Vec3, momentum: Momenta, commanded: Torques) -> Vec3:
+    @single_arguments
+    def acceleration(
+        self, t: ScalarLike, quaternion: Quat, rate: Vec3, momentum: ArrayInput, commanded: ArrayInput
+    ) -> Vec3:
         """Return the acceleration (3,) [rad/s²], body axes, by Euler's equations under the `commanded` torques."""
+        rate = jnp.asarray(rate)
         inertia, torque = self.inertia.astype(rate.dtype), self.control_torque(commanded, momentum)
         if self.torque is not None:
-            torque = torque + at_state(self.torque, t, quaternion, rate).astype(rate.dtype)
+            torque = torque + at_state(self.torque, one_instant(t), quaternion, rate).astype(rate.dtype)
         total_momentum = _matmul(inertia, rate) + self.wheel_momentum(momentum)
         return jnp.linalg.solve(inertia, torque - jnp.cross(rate, total_momentum))
 
-    def free(self, t: Scalar, quaternion: Quat, rate: Quat) -> Quat:
+    @single_arguments
+    def free(self, t: ScalarLike, quaternion: Quat, rate: Quat) -> Quat:
         """Return the acceleration (4,) [rad/s²] without control torque, body axes, for `integrate`.
 
         The external torque acts, and wheels keep their initial momenta. `rate` (4,): virtual rate first.
         """
+        rate = jnp.asarray(rate)
         momentum = self.momentum.astype(rate.dtype)
         nothing = jnp.zeros_like(rate, shape=(3,) if self.wheels is None else momentum.shape)
         physical = self.acceleration(t, quaternion, rate[1:], momentum, nothing)
         return jnp.concatenate([jnp.zeros_like(rate[:1]), physical.astype(rate.dtype)])
 
-    def momentum_rate(self, commanded: Torques, momentum: Momenta) -> Momenta:
+    def momentum_rate(self, commanded: ArrayInput, momentum: ArrayInput) -> Momenta:
         """Return the time derivative ḣ (n,) [N m] of the momenta of the wheels; (0,) without wheels."""
-        return momentum if self.wheels is None else self.actual_torques(commanded, momentum)
+        return self._momenta(momentum) if self.wheels is None else self.actual_torques(commanded, momentum)
 
-    def wheel_momentum(self, momentum: Momenta) -> Vec3:
+    def wheel_momentum(self, momentum: ArrayInput) -> Vec3:
         """Return the total momentum Ah (3,) [N m s] of the wheels in body axes."""
+        momentum = self._momenta(momentum)
         if self.wheels is None:
             return jnp.zeros_like(momentum, shape=3)
         return _matmul(momentum, self.wheels.axes.astype(momentum.dtype))
+
+    def _momenta(self, momentum: ArrayInput) -> Momenta:
+        return jnp.asarray(real_vector(momentum, "the momenta of the wheels", self.momentum.shape[0]))
+
+    def _torques(self, commanded: ArrayInput) -> Torques:
+        count = 3 if self.wheels is None else self.wheels.axes.shape[0]
+        return jnp.asarray(real_vector(commanded, "the commanded torques", count))
 
 
 def _per_wheel(value: ArrayInput | None, count: int, name: str, unit: str) -> Float[Array, " n"] | None:

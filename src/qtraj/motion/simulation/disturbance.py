@@ -8,11 +8,12 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from qtraj.foundation.arrays import real_scalar, real_vector, require_finite, require_positive
+from qtraj.foundation.arrays import one_instant, real_scalar, real_vector, require_finite, require_positive
 from qtraj.foundation.document import reads_older, storable
+from qtraj.foundation.float_arguments import single_arguments
 from qtraj.foundation.renamed import renamed_arguments
 from qtraj.foundation.shown import shown
-from qtraj.foundation.types import ArrayInput, Quat, Scalar, Vec3
+from qtraj.foundation.types import ArrayInput, Quat, Scalar, ScalarLike, Vec3
 from qtraj.motion.dynamics import inertia_matrix
 from qtraj.motion.simulation.signals import Signal, SignalInput, at_state, checked_signal
 
@@ -40,8 +41,9 @@ class Sinusoid(eqx.Module):
     def __repr__(self) -> str:
         return shown(self, period="s", phase="rad")
 
-    def __call__(self, t: Scalar) -> Vec3:
+    def __call__(self, t: ScalarLike) -> Vec3:
         """Return the vector (3,) at the time `t` [s]."""
+        t = one_instant(t)
         wave = jnp.sin(2 * math.pi * t / self.period.astype(t.dtype) + self.phase.astype(t.dtype))
         return self.amplitude * wave.astype(self.amplitude.dtype)
 
@@ -83,9 +85,10 @@ class DisturbanceAcceleration(AbstractDisturbance):
     def __repr__(self) -> str:
         return shown(self, signal="rad/s²")
 
-    def acceleration(self, t: Scalar, quaternion: Quat | None = None, rate: Vec3 | None = None) -> Vec3:
+    @single_arguments
+    def acceleration(self, t: ScalarLike, quaternion: Quat | None = None, rate: Vec3 | None = None) -> Vec3:
         """Return the signal (3,) [rad/s²] at the time `t` [s] and the true state."""
-        return at_state(self.signal, t, quaternion, rate)
+        return at_state(self.signal, one_instant(t), quaternion, rate)
 
 
 @reads_older(_from_older)
@@ -113,7 +116,8 @@ class DisturbanceTorque(AbstractDisturbance):
     def __repr__(self) -> str:
         return shown(self, signal="N m", inertia="kg m²")
 
-    def acceleration(self, t: Scalar, quaternion: Quat | None = None, rate: Vec3 | None = None) -> Vec3:
+    @single_arguments
+    def acceleration(self, t: ScalarLike, quaternion: Quat | None = None, rate: Vec3 | None = None) -> Vec3:
         """Return the acceleration J⁻¹M (3,) [rad/s²] at the time `t` [s] and the true state."""
-        torque = at_state(self.signal, t, quaternion, rate)
+        torque = at_state(self.signal, one_instant(t), quaternion, rate)
         return jnp.linalg.solve(self.inertia.astype(torque.dtype), torque)
