@@ -307,7 +307,9 @@ MEMBERS = {
     **dict.fromkeys(("components", "components_at", "sampled", "span", "nodes", "polynomials"), "between own modules"),
     **dict.fromkeys(("driven", "prepared", "timed", "increment"), "between own modules"),
     **dict.fromkeys(("measure", "start", "slope", "updated"), "called by the simulation, with arrays of one dtype"),
-    **dict.fromkeys(("distance", "outside", "occupancy", "at_rest", "enters"), "of obstacles, between own modules"),
+    **dict.fromkeys(
+        ("distance", "outside", "occupancy", "at_rest", "enters", "checked"), "of obstacles, between own modules"
+    ),
     **dict.fromkeys(("at_least", "sides", "without_missing", "scaled", "strictest"), "of limits, between own modules"),
 }
 """Names of methods of any class to which kinds and shapes of arguments do not apply."""

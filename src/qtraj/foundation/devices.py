@@ -7,7 +7,7 @@ import jax
 from jax.core import Tracer
 
 
-def device_of(leaves: Iterable[Any], advice: str = "") -> jax.Device | None:
+def device_of(leaves: Iterable[Any], advice: str = "") -> Any:
     """Return the device to which arrays were moved, as by `jax.device_put`, or None if they may be on any device.
 
     NumPy arrays, tracers, results on JAX's default device and arrays that are distributed over several devices may be
@@ -15,7 +15,7 @@ def device_of(leaves: Iterable[Any], advice: str = "") -> jax.Device | None:
 
     **Raises:** ValueError if arrays were moved to different devices.
     """
-    found, distributed = set[jax.Device](), False
+    found, distributed = set(), False
     for x in leaves:
         if isinstance(x, jax.Array) and not isinstance(x, Tracer) and x.committed:
             devices = x.devices()
@@ -32,7 +32,7 @@ def device_of(leaves: Iterable[Any], advice: str = "") -> jax.Device | None:
     return next(iter(found), None)
 
 
-def chosen_device() -> jax.Device | None:
+def chosen_device() -> Any:
     """Return the device that the user set as JAX's default, or None."""
     chosen = jax.config.jax_default_device  # type: ignore[attr-defined]
     return jax.local_devices(backend=chosen)[0] if isinstance(chosen, str) else chosen

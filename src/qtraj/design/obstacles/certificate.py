@@ -43,25 +43,27 @@ def with_obstacles(found: Any, path: AbstractHodograph | Shape, limits: Limits) 
             "qtraj.clearance is differentiable"
         )
     limits = checked(limits)
+    obstacles: Any = limits.keep_out
+    body = limits.body or POINT
     own: Any = path.route if isinstance(path, Shape) else path
     if own.duration.ndim:
         raise ValueError("certify with obstacles accepts one path: call it once for each path of the batch")
-    moves = any(x.moves for x in limits.keep_out)
+    moves = any(x.moves for x in obstacles)
     if moves and isinstance(path, Shape):
         raise ValueError("a shape has no times, so obstacles that move cannot be checked: certify its timing instead")
     if isinstance(path, RetimedPath):
         if not moves and (pieces := _pieces(path.path, limits)) is not None:
-            whole = _whole(judged(pieces, limits.keep_out, limits.body or POINT))
+            whole = _whole(judged(pieces, obstacles, body))
             return _joined(found, whole._replace(times=np.asarray(path.timing.times_of(whole.times))))
         return _joined(found, _sampled(path, limits))
     pieces = _pieces(own, limits)
     if pieces is None:
         return _joined(found, _sampled(own, limits))
-    parts = judged(pieces, limits.keep_out, limits.body or POINT)
+    parts = judged(pieces, obstacles, body)
     if not isinstance(found, RouteCertificate):
         return _joined(found, _whole(parts))
     count = len(found.names)
-    broken = [(count + j, x) for j, x in intervals(pieces, parts, limits.keep_out, limits.body or POINT)]
+    broken = [(count + j, x) for j, x in intervals(pieces, parts, obstacles, body)]
     return RouteCertificate(
         _joined(found.whole, _whole(parts)),
         _joined(found.segments, parts),
