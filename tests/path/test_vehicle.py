@@ -321,7 +321,7 @@ def test_a_batch_of_vehicles_is_reduced_split_into_blocks_and_differentiated(fle
     whole = qt.evaluate(paths, times, ("power",), vehicle=vehicles).power
     for name in ("_writing", "_reduction"):  # without the stored executables
         monkeypatch.setattr(executables, name, getattr(executables, name).__wrapped__)
-    monkeypatch.setattr(executables, "_samples", lambda: 18)  # two paths in a block, and one in the last
+    monkeypatch.setattr(executables, "_samples", lambda _: 18)  # two paths in a block, and one in the last
     names = ("power", "speed")
     np.testing.assert_allclose(qt.evaluate(paths, times, names, vehicle=vehicles).power, whole, rtol=1e-12)
     peaks = qt.evaluate(paths, times, names, vehicle=vehicles, reduce="max")

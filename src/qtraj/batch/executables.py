@@ -47,8 +47,14 @@ def run(
     if task.reduce is not None:
         return _reduction(task, place)(static, dynamic, times)
     call, formats = _writing(task, place, old is not None)
-    old = None if old is None else jax.device_put(old, formats)  # the table may be of NumPy, with another layout
-    return call(static, dynamic, times, old)
+    return call(static, dynamic, times, None if old is None else {k: _in_format(x, formats[k]) for k, x in old.items()})
+
+
+def _in_format(x: Any, wanted: Any) -> Any:
+    """Return an array in the format of the results; one from a few instants has the usual layout, and is copied."""
+    own = x.format
+    same = own.layout.major_to_minor == wanted.layout.major_to_minor
+    return x if same and own.sharding.is_equivalent_to(wanted.sharding, x.ndim) else jax.device_put(x, wanted)
 
 
 @eqx.filter_jit  # under grad outside jit, the operations would be compiled one by one
@@ -76,8 +82,8 @@ def _differentiable_peaks(task: Task, paths: Any, frame: Any, times: Array) -> A
     to within rounding, the derivatives are evaluated at the first of their instants. The derivatives of a peak that is
     not finite are zero.
     """
-    constants = _stop_gradient((paths, frame, times))
-    peaks = _stop_gradient(_peaks(task, *constants, default_platform()))
+    fixed = [_stop_gradient(x) for x in (paths, frame, times)]
+    peaks = _stop_gradient(_peaks(task, fixed[0], fixed[1], fixed[2], default_platform()))
     first = jnp.stack([when for name in task.names for _, when in peaks[name]], axis=1)
     instants = _with_time_derivatives(jnp.where(jnp.isfinite(first), first, _stop_gradient(times[:, :1])), times)
     arrays, work = _worker(paths, frame, task.names)
