@@ -56,7 +56,7 @@ ADVICE = ", or select devices with the argument devices"
 """What else helps if the arguments of an evaluation are on different devices."""
 
 
-def as_devices(devices: Any) -> list[jax.Device] | None:
+def as_devices(devices: Any) -> list[Any] | None:
     """Return `devices` as a list, or None without any.
 
     **Raises:** ValueError unless they are JAX devices.
