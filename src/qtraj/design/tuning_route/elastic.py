@@ -33,6 +33,18 @@ def gaps_of(at: Iterate, values: PerConstraint) -> PerConstraint:
     return gaps if at.excess is None else gaps - at.excess
 
 
+def closed(
+    program: RouteProgram, gaps: PerConstraint, slacks: PerConstraint, excess: PerConstraint
+) -> tuple[PerConstraint, PerConstraint]:
+    """Return slacks and violations of elastic constraints, of which one is increased by `gaps`.
+
+    A merit function with a penalty on these residuals would have to weigh them more than the prices, and its steps
+    would be short.
+    """
+    own = np.where(np.isfinite(program.price), gaps, 0.0)
+    return slacks + np.maximum(-own, 0.0), excess + np.maximum(own, 0.0)
+
+
 def elastic_newton(at: Iterate, linear: Linear, mu: float, solver: Solver) -> Step | None:
     """Return the Newton step of a problem with elastic constraints, or None if it is not finite."""
     price: Any = linear.program.price

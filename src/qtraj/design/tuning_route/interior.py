@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from qtraj.design.tuning_route.elastic import barrier, elastic_newton, gaps_of, relaxed, stiffness
+from qtraj.design.tuning_route.elastic import barrier, closed, elastic_newton, gaps_of, relaxed, stiffness
 from qtraj.design.tuning_route.iterate import Iterate, Rules, Search, Step
 from qtraj.design.tuning_route.program import Linear, PerConstraint, RouteProgram, Variables
 
@@ -183,9 +183,9 @@ def _shifted_step(search: Search, linear: Linear) -> tuple[Step | None, float]:
 def _stepped(program: RouteProgram, search: Search, linear: Linear, step: Step, rules: Rules) -> Search:
     """Return the search after the longest step, of those tried, that reduces the merit function enough."""
     at, mu = search.at, search.mu
-    gaps = np.abs(gaps_of(at, linear.values))
-    gap = float(np.sum(gaps))
-    if at.excess is None and np.max(at.multipliers) > HOPELESS and np.max(gaps) > APART:
+    gaps = gaps_of(at, linear.values)
+    gap = float(np.sum(np.abs(gaps)))
+    if at.excess is None and np.max(at.multipliers) > HOPELESS and np.max(np.abs(gaps)) > APART:
         search = replace(search, hopeless=True)
     penalty = search.penalty
     if gap > 1e-14:
@@ -193,13 +193,13 @@ def _stepped(program: RouteProgram, search: Search, linear: Linear, step: Step, 
     search = replace(search, penalty=penalty)
     initial = linear.objective + barrier(program, mu, at.slacks, at.excess) + penalty * gap
     slope, keep = step.slope - penalty * gap, max(0.99, 1.0 - mu)
-    bounded = rules.inside and bool(np.all(linear.values <= program.full))
+    bounded = rules.inside and at.excess is None and bool(np.all(linear.values <= program.full))
     part = longest(at.slacks, step.slacks, keep)
     if step.excess is not None:
         elastic, before = np.isfinite(program.price), np.asarray(at.excess)
         part = min(part, longest(before[elastic], step.excess[elastic], keep))
     for _ in range(TRIALS):
-        z, slacks, excess, merit = _trial(program, search, step, part, bounded)
+        z, slacks, excess, merit = _trial(program, search, step, gaps, part, bounded)
         if np.isfinite(merit) and merit <= initial + SUFFICIENT * part * slope + 1e-13 * abs(initial):
             break
         part *= 0.5
@@ -213,11 +213,12 @@ def _stepped(program: RouteProgram, search: Search, linear: Linear, step: Step, 
 
 
 def _trial(
-    program: RouteProgram, search: Search, step: Step, part: float, bounded: bool
+    program: RouteProgram, search: Search, step: Step, gaps: PerConstraint, part: float, bounded: bool
 ) -> tuple[Variables, PerConstraint, PerConstraint | None, float]:
     """Return the variables, slacks and violations after a part of a step, and the merit function there.
 
-    With `bounded`, the merit function is infinite where the constraints with full margins are violated.
+    `gaps` are the residuals of the constraints before the step. With `bounded`, the merit function is infinite where
+    the constraints with full margins are violated.
     """
     at, mu, penalty = search.at, search.mu, search.penalty
     z, slacks = at.z + part * step.z, at.slacks + part * step.slacks
@@ -228,5 +229,8 @@ def _trial(
     above = values - at.margins - (0.0 if excess is None else excess)
     # Set the slack s of a clearly satisfied constraint to −g, so that |g + s| is zero in the merit function.
     slacks = np.where(-above > np.maximum(mu / penalty, 0.01 * at.slacks), -above, slacks)
+    if excess is not None:
+        slacks, excess = closed(program, above + slacks - (1 - part) * gaps, slacks, excess)
+        above = values - at.margins - excess
     gap = float(np.sum(np.abs(above + slacks)))
     return z, slacks, excess, objective + barrier(program, mu, slacks, excess) + penalty * gap

@@ -45,7 +45,7 @@ class Rules:
     """The rules of one search.
 
     The barrier parameter decreases to `least`. New margins are multiplied by `factor` < 1. With `inside`, once an
-    iterate satisfies the constraints with full margins, all later iterates satisfy them, too.
+    iterate satisfies the constraints with full margins, all later iterates satisfy them, too, unless they are elastic.
     """
 
     factor: PerConstraint

@@ -30,8 +30,8 @@ ROUNDS = 10
 """Maximum number of repeated searches."""
 
 BARRIER, LEAST = 0.1, 1e-7
-"""The barrier parameter at the start and at the end of a search. At the end, the objective exceeds its minimum by at
-most about `LEAST` times the number of constraints."""
+"""The barrier parameter at the start, relative to the price of violations if there is one, and at the end of a search.
+At the end, the objective exceeds its minimum by at most about `LEAST` times the number of constraints."""
 
 AGAIN = (1e-7, 1e-3)
 """Bounds to which the initial barrier parameter of a repeated search, the largest relative violation, is clipped."""
@@ -166,19 +166,22 @@ def _solved(
     names, moving = problem.names, problem.moving > 0
     factor = np.ones((len(names) + 2, len(moving))) if raised is None else raised
     program, missed = RouteProgram(problem, price), factor > 1
-    mu, k = BARRIER, 0
+    mu, k = BARRIER * (price or 1.0), 0
     if start is None:
         rules = _rules(program, factor, LEAST)
         state = Search(
             interior.start(program, np.zeros(problem.free.shape) if begin is None else begin, rules.factor, mu), mu
         )
     else:
-        state = Search(interior.restarted(program, start, ROUGH), ROUGH)
+        mu = ROUGH * (price or 1.0)
+        state = Search(interior.restarted(program, start, mu), mu, renewals=FREE)
     if np.any(problem.time):
         state = interior.solve(program, state, _rules(program, factor, ROUGH), most)
-        problem = _smoothed(problem, state.at.z)
+        problem, at = _smoothed(problem, state.at.z), state.at
+        if price is not None and not _violated(program, at).any():
+            price, at = None, at._replace(excess=None)
         program = RouteProgram(problem, price)
-        state = Search(state.at, ROUGH, steps=state.steps, hopeless=state.hopeless)
+        state = Search(at, ROUGH, steps=state.steps, hopeless=state.hopeless)
     while True:
         rules = _rules(program, factor * (1 - SAFETY * 2.0**k), LEAST, first=k == 0)
         if k:
