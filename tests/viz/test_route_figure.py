@@ -7,6 +7,7 @@ import qtraj as qt
 from qtraj.io.dataset import path_dataset
 from qtraj.io.route_dataset import route_dataset
 from qtraj.viz.figures import route_figure
+from qtraj.viz.map_colours import STEPS
 from qtraj.viz.report.paths import path_report
 from qtraj.viz.report.payload import payload
 from qtraj.viz.route_figure import distance
@@ -52,7 +53,19 @@ def test_the_report_has_the_colour_scale_of_the_figure(dataset):
         colours = payload(path_report(drawn))["colours"]
         assert lines.get_clim() == (0.0, colours["top"])
         assert colours["top"] < 1.0
-        np.testing.assert_allclose(lines.get_array(), colours["values"][:-1], rtol=1e-5, atol=1e-12)
+        of_samples = np.repeat(lines.get_array(), [len(line) - 1 for line in lines.get_segments()])
+        expected = np.minimum(colours["values"][:-1], colours["top"])
+        np.testing.assert_allclose(of_samples, expected, atol=0.51 * colours["top"] / STEPS)
+        assert np.unique(lines.get_array()).size <= STEPS
+
+
+def test_the_map_shows_every_sample_once(dataset):
+    lines = route_figure(dataset).axes[0].collections[0]
+    own = lines.get_segments()
+    position = dataset["position"].values[-1, :, :2]
+    drawn = np.concatenate([own[0][:1], *(x[1:] for x in own)])
+    np.testing.assert_allclose(drawn, position - np.round(position.mean(axis=0)))
+    assert len(own) < len(position) / 4
 
 
 def test_only_violations_are_red(dataset):

@@ -162,15 +162,24 @@ def _to_toml(data: dict[str, Any]) -> str:
 
 
 def _to_json(data: dict[str, Any]) -> str:
-    return json.dumps(_as_strings(data), indent=2, allow_nan=False) + "\n"
+    return _indented(data) + "\n"
 
 
-def _as_strings(value: Any) -> Any:
-    """Replace NaN and infinities in `value`, also inside dicts and lists, by strings."""
-    if isinstance(value, dict):
-        return {k: _as_strings(v) for k, v in value.items()}
-    if isinstance(value, list):
-        return [_as_strings(v) for v in value]
+def _indented(value: Any, margin: str = "\n") -> str:
+    """Return `value` as JSON, with one line for each key and for each innermost list, such as the row of an array."""
+    inner = margin + "  "
+    if isinstance(value, dict) and value:
+        return "{" + ",".join(f"{inner}{json.dumps(k)}: {_indented(v, inner)}" for k, v in value.items()) + margin + "}"
+    if isinstance(value, list) and any(isinstance(x, dict | list) for x in value):
+        return "[" + ",".join(inner + _indented(x, inner) for x in value) + margin + "]"
+    try:
+        return json.dumps(value, allow_nan=False)
+    except ValueError:
+        return json.dumps([_as_string(x) for x in value] if isinstance(value, list) else _as_string(value))
+
+
+def _as_string(value: Any) -> Any:
+    """Return NaN and infinities as strings, other values unchanged."""
     if isinstance(value, float) and not math.isfinite(value):
         return "NaN" if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
     return value

@@ -15,11 +15,26 @@ Stops do not affect the colour scale, and are drawn in the colour of zero curvat
 """
 
 
+STEPS = 64
+"""The number of colours of lines: with fewer lines, figures are drawn faster and are smaller."""
+
+
 class MapColours(NamedTuple):
     """Curvatures (n,) [1/m] that determine the colours of samples, and the end [1/m] of the colour scale."""
 
     values: np.ndarray
     top: float
+
+    def lines(self, points: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
+        """Return lines through consecutive `points` (n, 2), each of one colour, and the curvatures of their colours.
+
+        A line has the colour of the sample at its start.
+        """
+        step = np.minimum(STEPS * (self.values[:-1] / self.top), STEPS - 1).astype(int)
+        starts = np.append(0, np.flatnonzero(np.diff(step)) + 1)
+        ends = np.append(starts[1:], len(step))
+        lines = [points[start : end + 1] for start, end in zip(starts, ends, strict=True)]
+        return lines, (step[starts] + 0.5) * self.top / STEPS
 
 
 def map_colours(path: xarray.Dataset) -> MapColours:

@@ -104,10 +104,9 @@ def _draw_map(
         recorded = beside(dataset["recorded_position"].values[:, :2], [position]) - centre
         axes.plot(*recorded.T, ".", ms=1.5, color=RECORD, label="recorded", zorder=1, rasterized=True)
     colours = map_colours(path)
-    lines = LineCollection(
-        list(np.stack([points[:-1], points[1:]], axis=1)), cmap="viridis", linewidths=2.2, zorder=2, capstyle="round"
-    )
-    lines.set_array(colours.values[:-1])
+    own, values = colours.lines(points)
+    lines = LineCollection(own, cmap="viridis", linewidths=2.2, zorder=2, capstyle="round")
+    lines.set_array(values)
     lines.set_clim(0.0, colours.top)
     axes.add_collection(lines)
     if before is not None:
