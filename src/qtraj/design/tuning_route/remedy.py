@@ -11,7 +11,7 @@ import numpy as np
 from qtraj.design.tuning_route.rounds import Found
 from qtraj.path.quantity import quantity
 
-MORE = (1.01, 1.1, 1.5)
+MORE = (1.01, 1.1, 1.5, 4.0, 16.0)
 """Limits are raised by these multiples of their violations, one after the other."""
 
 LEAST = 1e-3

@@ -1,0 +1,56 @@
+"""Routes whose limits contradict each other: the result says which limit, by how much, and what helps."""
+
+import re
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+import qtraj as qt
+from qtraj.foundation.outcome import ResultCode
+
+TIMES = np.arange(0.0, 62.0, 2.0)
+WAVES = qt.Route.from_piecewise(CubicSpline(TIMES, np.stack([8 * TIMES, 30 * np.sin(TIMES / 9), 0.02 * TIMES], axis=1)))
+LIFT = qt.Route.from_piecewise(CubicSpline(TIMES[:6], np.outer(TIMES[:6], [0.0, 0.0, 2.0])))
+
+FREE_ENDS = {"fixed": np.zeros(len(TIMES), bool)}
+
+
+def contradiction(route, limits, **arguments):
+    tuned = qt.tune_route(route, qt.Limits(**limits), **arguments)
+    assert tuned.code == ResultCode.limits_contradict
+    assert not tuned.certificate.holds
+    return tuned
+
+
+@pytest.mark.parametrize("limit", [0.1, 0.2])
+def test_a_limit_that_the_tube_does_not_allow(limit):
+    """The advice is a higher limit, with which a search succeeds."""
+    tuned = contradiction(WAVES, {"lateral_acceleration": limit}, tube=0.05)
+    advised = float(re.search(r"With lateral_acceleration = ([\d.]+) m/s², every limit is", tuned.result)[1])
+    assert limit < tuned.certificate.worst["lateral_acceleration"][1] < advised < 0.25
+    assert qt.tune_route(WAVES, qt.Limits(lateral_acceleration=advised), tube=0.05).successful
+
+
+@pytest.mark.parametrize(
+    ("route", "limits", "arguments", "changes"),
+    [
+        (WAVES, {"speed": 4.0}, {"objective": "smoothest"}, {"objective": "nearest", **FREE_ENDS}),
+        (WAVES, {"speed": 4.0}, {}, FREE_ENDS),
+        (WAVES, {"jerk": 0.03, "speed": 9.0, "lateral_acceleration": 0.3}, {"tube": 2.0}, FREE_ENDS),
+        (LIFT, {"speed": 1.9}, {}, {"fixed": np.zeros(6, bool)}),
+    ],
+    ids=["duration", "ends", "jerk", "lift"],
+)
+def test_states_that_cannot_change(route, limits, arguments, changes):
+    """The advice names them, and with its change a search succeeds."""
+    tuned = contradiction(route, limits, **arguments)
+    assert "the states at the ends of the route" in tuned.result
+    assert ("and the duration cannot change" in tuned.result) == ("objective" in changes)
+    assert qt.tune_route(route, qt.Limits(**limits), **arguments | changes).successful
+
+
+def test_a_quantity_that_does_not_exist():
+    tuned = qt.tune_route(LIFT, qt.Limits(yaw_rate=0.1))
+    assert tuned.code == ResultCode.limits_undefined
+    np.testing.assert_array_equal(tuned.displacement, 0.0)
