@@ -107,7 +107,7 @@ def test_a_vehicle_with_a_road_is_stored_exactly(tmp_path):
         ({"distance": [0, 1], "friction": [0.0, 0.5]}, "must be positive"),
         ({"distance": [0, 1], "inverted": [0, 1]}, "true or false"),
         ({"distance": [0, 1], "kind": "cubic"}, "'linear' or 'step'"),
-        ({"distance": [0, 1]}, "at least one of bank, friction and inverted"),
+        ({"distance": [0, 1]}, "at least one of bank, friction, inverted and left"),
     ],
 )
 def test_a_wrong_road_is_refused(arguments, message):

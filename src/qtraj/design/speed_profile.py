@@ -27,7 +27,8 @@ from qtraj.foundation.types import Scalar
 from qtraj.path.distances import distances_at
 from qtraj.path.frenet import Invariants
 from qtraj.path.quantity import COMBINED, quantity
-from qtraj.path.vehicle import RoadParameters, Vehicle
+from qtraj.path.road_parameters import RoadParameters
+from qtraj.path.vehicle import Vehicle
 from qtraj.path.vehicle_data import vehicle_quantities
 
 if TYPE_CHECKING:

@@ -9,7 +9,8 @@ from pydantic import Field
 from qtraj.io.road_file import read_road
 from qtraj.path.path_quantity import INERTIA, PRINCIPAL, WHEELBASE
 from qtraj.path.road import Road
-from qtraj.path.vehicle import AIR_DENSITY, GRAVITY, MAX_BANK, Vehicle, require
+from qtraj.path.road_parameters import GRAVITY
+from qtraj.path.vehicle import AIR_DENSITY, MAX_BANK, Vehicle, require
 from qtraj.scenario import keys
 from qtraj.scenario.keys import Part, key
 

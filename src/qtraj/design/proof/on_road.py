@@ -25,8 +25,8 @@ from qtraj.design.proof.route_segments import RANK
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.path_quantity import PathQuantity
 from qtraj.path.road_on_path import CORNERS, RoadOnPath
+from qtraj.path.road_parameters import RoadParameters
 from qtraj.path.values import invariants_at
-from qtraj.path.vehicle import RoadParameters
 
 HALVINGS, MOST = 12, 2**13
 """Pieces are halved at most `HALVINGS` times, as long as there are at most `MOST` of them."""
@@ -109,7 +109,7 @@ class OnRoad:
         task = _Limited(limit, segment, low, np.minimum(high, last))
         pieces = _Pieces(*self.on.cut(task.low, task.high))
         lines, own = self.on.lines(*pieces[1:]), segment[pieces.owner]
-        changes = np.any([x != y for x, y in zip(lines.start, lines.end, strict=True)], axis=0)
+        changes = np.any([x != y for x, y in zip(lines.start.numbers, lines.end.numbers, strict=True)], axis=0)
         rough = changes | (lines.error > 0)
         result = np.zeros(rough.size, int), np.zeros(rough.size), np.zeros(rough.size)
         if len(k := np.flatnonzero(~rough)):
@@ -216,7 +216,7 @@ def _compiled(path: AbstractHodograph, entry: PathQuantity, u: Any, vehicle: Roa
 
 
 def _rows(road: RoadParameters, rows: np.ndarray) -> RoadParameters:
-    return RoadParameters(*(np.asarray(x)[rows] for x in road))
+    return road.each(lambda x: np.asarray(x)[rows])
 
 
 def _limit_rows(limit: Limit, rows: np.ndarray) -> Limit:

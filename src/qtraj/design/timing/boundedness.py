@@ -27,7 +27,7 @@ from qtraj.design.timing.road import ROAD
 from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import Scalar
 from qtraj.path.quantity import COMBINED, quantity
-from qtraj.path.vehicle import RoadParameters
+from qtraj.path.road_parameters import RoadParameters
 
 LARGEST = 1e12
 """Bound on the squared speed where no limit bounds it, relative to a typical squared speed."""
@@ -52,7 +52,7 @@ def largest(
     power imply the rates of the accelerations that they allow, and the bounds `ends` on a imply |r'|√a/L. The highest
     rate counts; L times this rate is the typical speed. Infinite limits and bounds are ignored.
     """
-    xp = namespace(r1, span, ends, *bounds.values(), *(vehicle or ()))
+    xp = namespace(r1, span, ends, *bounds.values(), *(() if vehicle is None else vehicle.numbers))
     square = xp.sum(r1 * r1, axis=0)
     highest = xp.max(square)
     length = span * xp.sqrt(highest)

@@ -29,8 +29,9 @@ from qtraj.design.timing.sided import SIDED, SIDES_OF_RATES, SLOWEST
 from qtraj.path.components import cross, dot
 from qtraj.path.contact import power_numerator
 from qtraj.path.frenet import Invariants
+from qtraj.path.path_quantity import ROAD_FRAME
 from qtraj.path.quantity import quantity
-from qtraj.path.vehicle import RoadParameters
+from qtraj.path.road_parameters import RoadParameters
 
 OF_PATH = ("speed", "vertical_speed", "curvature_rate")
 """Quantities that need the velocity of the path itself, not only its direction."""
@@ -53,7 +54,7 @@ class CellClaims:
 
     def squares(self) -> tuple[Any, Any, Any]:
         """Return the squares S, H and a of the `roots`."""
-        return self._own.S, self._own.H, self.motion.a
+        return self._own.S, self._level_square(), self.motion.a
 
     def forward(self) -> Claim:
         """Return a = u̇², without its zero at an end at rest; it must be positive."""
@@ -61,7 +62,11 @@ class CellClaims:
 
     def divisor(self, name: str) -> Claim:
         """Return the divisor with this name (see `limit_claims.DIVISORS`); it must be positive."""
-        return Claim(getattr(self._own, DIVISORS[name]))
+        return Claim(self._level_square() if name == ROAD_FRAME else getattr(self._own, DIVISORS[name]))
+
+    def _level_square(self) -> Any:
+        """Return H in the formulas of `contact`."""
+        return Invariants([None, self._own.r[1]], vehicle=self._vehicle).on_road.H
 
     def within(self, name: str, limit: Any, allows_zero: bool = True) -> AnyClaim:
         """Return the claim that a quantity satisfies its `limit`, a constant polynomial.
@@ -173,7 +178,7 @@ class CellClaims:
         pace = self._times_factor(self._times_factor(self.motion.a))
         if self._on_road is None:
             vehicle = own._replace(gravity=2 * own.gravity, drag=2 * own.drag * pace if own.drag else 0)
-            self._on_road = RoadInvariants(Invariants([None, self._own.r[1], self._doubled()], vehicle=vehicle))
+            self._on_road = RoadInvariants(Invariants([None, self._own.r[1], self._doubled()], vehicle=vehicle).on_road)
         i: Any = self._on_road
         entry: Any = quantity(name)
         if name == "friction":

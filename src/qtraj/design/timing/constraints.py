@@ -33,7 +33,7 @@ from qtraj.foundation.types import Scalar
 from qtraj.path.components import dot
 from qtraj.path.frenet import Invariants, yaw
 from qtraj.path.quantity import COMBINED, quantity
-from qtraj.path.vehicle import RoadParameters
+from qtraj.path.road_parameters import RoadParameters
 
 UPPER = ("speed", "lateral_acceleration", *RATES, *SIDES_OF_RATES, "angular_rate")
 """Limits that are upper bounds on a = u̇²."""
@@ -141,7 +141,8 @@ def parts(
     given = bounds
     by_speed: dict[str, Any] = {name: x for name, x in bounds.items() if isinstance(x, OfSpeed)}
     bounds = {name: x for name, x in bounds.items() if name not in by_speed}
-    xp, (r1, r2, r3) = namespace(r, unit, *bounds.values(), *(vehicle or ())), (tuple(x) for x in r)
+    xp = namespace(r, unit, *bounds.values(), *(() if vehicle is None else vehicle.numbers))
+    r1, r2, r3 = (tuple(x) for x in r)
     square = dot(r1, r1)
     moving = square > STANDING**2 * xp.max(square)
     # Where r' = 0, use the direction of r'', in which the motion starts, or against which it ends.

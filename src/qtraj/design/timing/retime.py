@@ -58,9 +58,9 @@ from qtraj.foundation.seconds import seconds
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.path.hodograph import AbstractHodograph, require_path
 from qtraj.path.road_on_path import RoadOnPath
+from qtraj.path.road_parameters import RoadParameters
 from qtraj.path.route import Route
 from qtraj.path.shape import Shape
-from qtraj.path.vehicle import RoadParameters
 
 
 def retime(

@@ -22,7 +22,8 @@ from jaxtyping import Float
 
 from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import Scalar
-from qtraj.path.vehicle import RoadParameters
+from qtraj.path.components import cross, dot, scaled
+from qtraj.path.road_parameters import RoadParameters
 
 ROAD = ("friction", "power")
 """Limits that need a vehicle."""
@@ -64,25 +65,39 @@ def coefficients(
     The acceleration along the path contains the derivative a' of a = u̇² with the factor `half`·|r'|. A limit that is
     infinite or not in `bounds` is absent.
     """
-    xp, (x, y, z) = namespace(*ahead, *vehicle, *bounds.values()), ahead
-    square = x * x + y * y
-    safe = xp.sqrt(xp.where(square > 0, square, 1.0))  # keeps derivatives finite if the motion is vertical
-    level = xp.where(square > 0, safe, 0.0)
-    left, upwards = (-y / safe, x / safe, 0.0 * z), (-x * z / safe, -y * z / safe, level)
+    xp, z = namespace(*ahead, *vehicle.numbers, *bounds.values()), ahead[2]
+    left, upwards = _upright(ahead, xp) if vehicle.axis is None else _about(vehicle.axis, ahead, xp)
     forward, to_left, up = (sum(p * q for p, q in zip(axis, second, strict=True)) for axis in (ahead, left, upwards))
     g, cos, sin = vehicle.gravity, vehicle.cos, vehicle.sin
     along = xp.stack([g * z, forward + vehicle.drag * speed**2, half * speed])
-    across = xp.stack([-sin * g * level, cos * to_left - sin * up])
-    onto = xp.stack([cos * g * level, cos * up + sin * to_left])
-    resistance = vehicle.rolling * xp.stack([*onto, 0.0 * level])
+    across = xp.stack([cos * g * left[2] - sin * g * upwards[2], cos * to_left - sin * up])
+    onto = xp.stack([cos * g * upwards[2] + sin * g * left[2], cos * up + sin * to_left])
+    resistance = vehicle.rolling * xp.stack([*onto, 0.0 * z])
     power = (vehicle.mass * speed / bounds.get("power", np.inf))[None] * (along + resistance)
     at_rest = xp.where(onto[0] > 0, onto[0], 1.0)
     limit = bounds.get("friction", np.inf)
     inverse = ((1 / limit) / at_rest)[None]  # an infinite limit has finite derivatives
     grip = vehicle.inv_long * along * inverse, vehicle.inv_lat * across * inverse, onto / at_rest[None]
-    neutral = xp.stack([xp.ones_like(level), xp.zeros_like(level)])
+    neutral = xp.stack([xp.ones_like(z), xp.zeros_like(z)])
     grip = grip[0], grip[1], xp.where(xp.isfinite(limit), grip[2], neutral)
     return Road(*grip, power, _upper(*grip[1:]))
+
+
+def _upright(ahead: Any, xp: Any) -> tuple[Any, Any]:
+    """Return the axes n and b of the upright frame, which are zero if the motion is vertical."""
+    x, y, z = ahead
+    square = x * x + y * y
+    safe = xp.sqrt(xp.where(square > 0, square, 1.0))  # keeps derivatives finite if the motion is vertical
+    return (-y / safe, x / safe, 0.0 * z), (-x * z / safe, -y * z / safe, xp.where(square > 0, safe, 0.0))
+
+
+def _about(axis: Any, ahead: Any, xp: Any) -> tuple[Any, Any]:
+    """Return the axes n and b of the frame about another axis than the vertical, which is in world axes."""
+    ahead = tuple(ahead)
+    n = cross(axis, ahead)
+    square = dot(n, n)
+    n = scaled(n, 1 / xp.sqrt(xp.where(square > 0, square, 1.0)))
+    return n, cross(ahead, n)
 
 
 def _upper(across: Any, onto: Any) -> Any:

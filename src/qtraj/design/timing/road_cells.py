@@ -16,7 +16,8 @@ from qtraj.design.timing.grid import Shape
 from qtraj.design.timing.tables import Tables
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.road_on_path import CORNERS, ROUNDING, RoadOnPath, road_on
-from qtraj.path.vehicle import RoadParameters, Vehicle
+from qtraj.path.road_parameters import RoadParameters
+from qtraj.path.vehicle import Vehicle
 
 NEAR = 2
 """Linear pieces of a road may meet closer to an end of a cell than this multiple of the uncertainty."""
@@ -44,7 +45,7 @@ def variants(on: RoadOnPath, low: Float[np.ndarray, " cells"], high: Float[np.nd
         others = _straddling(on, first, last, s0 - error, s1 + error)
         corners = [(_chosen(alone, x, z), _chosen(alone, y, z)) for (x, y), z in zip(corners, others, strict=True)]
     varied = (lines.error > 0) | ~alone
-    changes = np.any([x != y for x, y in zip(lines.start, lines.end, strict=True)], axis=0)
+    changes = np.any([x != y for x, y in zip(lines.start.numbers, lines.end.numbers, strict=True)], axis=0)
     return Variants(corners if varied.any() else corners[:1], varied | changes)
 
 
@@ -90,7 +91,7 @@ def _sides(on: RoadOnPath, sections: np.ndarray) -> np.ndarray:
 
 
 def _chosen(where: np.ndarray, x: RoadParameters, y: RoadParameters) -> RoadParameters:
-    return RoadParameters(*(np.where(where, a, b) for a, b in zip(x, y, strict=True)))
+    return RoadParameters(*(np.where(where, a, b) for a, b in zip(x.numbers, y.numbers, strict=True)))
 
 
 def at_parameters(vehicle: Any, u: Any) -> Any:
@@ -103,7 +104,7 @@ def at_parameters_of(vehicle: Vehicle | None, path: AbstractHodograph, u: Float[
     if vehicle is None:
         return None
     known = road_on(vehicle, path).at(u) if vehicle.on_changing_road else vehicle.parameters(u.dtype)
-    return RoadParameters(*(np.broadcast_to(np.asarray(x, u.dtype), u.shape) for x in known))
+    return known.each(lambda x: np.broadcast_to(np.asarray(x, u.dtype), u.shape))
 
 
 def road_of(limits: Any, path: AbstractHodograph, traced: bool) -> RoadParameters | RoadOnPath:
@@ -112,7 +113,7 @@ def road_of(limits: Any, path: AbstractHodograph, traced: bool) -> RoadParameter
     **Raises:** ValueError for such a road if a value is `traced`.
     """
     if not limits.along_road:
-        return RoadParameters(*limits.road(path.duration.dtype))
+        return limits.road(path.duration.dtype)
     if traced:
         raise ValueError("a road that changes along the way needs concrete values: call retime outside jit and grad")
     return road_on(limits.vehicle, path)

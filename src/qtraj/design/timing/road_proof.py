@@ -14,7 +14,6 @@ from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.road_cells import variants
 from qtraj.design.timing.sources import Source
 from qtraj.path.road_on_path import RoadOnPath
-from qtraj.path.vehicle import RoadParameters
 
 HALVINGS = 6
 """How often a cell is halved in which a limit is not proved, because the variants are not close to the road."""
@@ -64,7 +63,7 @@ def prove_on_road(
         part = Grid(np.arange(k.size + 1.0), *(x[k] for x in grid[1:]))
         own = {name: np.asarray(x)[k] if np.ndim(x) else x for name, x in of_road.items()}
         for start, end in found.ends if some is found.rough else found.ends[:1]:
-            road = [RoadParameters(*(np.asarray(y)[k] for y in x)) for x in (start, end)]
+            road = [x.each(lambda y, k=k: np.asarray(y)[k]) for x in (start, end)]
             new = prove(path, part, (powers[k], rest[:, k]), own, road[0], place[:, k], road[1], work).codes
             new = np.asarray(new)[rows]
             before = codes[np.ix_(rows, k)]
