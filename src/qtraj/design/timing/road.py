@@ -74,7 +74,9 @@ def coefficients(
     onto = xp.stack([cos * g * upwards[2] + sin * g * left[2], cos * up + sin * to_left])
     resistance = vehicle.rolling * xp.stack([*onto, 0.0 * z])
     power = (vehicle.mass * speed / bounds.get("power", np.inf))[None] * (along + resistance)
-    at_rest = xp.where(onto[0] > 0, onto[0], 1.0)
+    # On a road with another axis than the vertical, the normal force at rest may be zero.
+    at_rest = onto[0] if vehicle.axis is None else g + 0.0 * z
+    at_rest = xp.where(at_rest > 0, at_rest, 1.0)
     limit = bounds.get("friction", np.inf)
     inverse = ((1 / limit) / at_rest)[None]  # an infinite limit has finite derivatives
     grip = vehicle.inv_long * along * inverse, vehicle.inv_lat * across * inverse, onto / at_rest[None]
@@ -131,13 +133,17 @@ def without(r: Road, omitted: Any) -> Road:
 def tightened(r: Road, factors: Float[Any, "2 *nodes"]) -> Road:
     """Return the same constraints with their limits divided by `factors`.
 
-    For friction, the parts of the force components X and Y that depend on the timing are multiplied by the factors
-    instead. Otherwise gravity on a slope or a banked road could violate a reduced limit at every speed.
+    Where the tyres hold the vehicle at rest, only the parts of the force components X and Y that depend on the timing
+    are multiplied by the factors for friction. Otherwise gravity on a slope or a banked road could violate a reduced
+    limit at every speed. Elsewhere, as at the top of a loop, a faster motion may reduce the friction demand, and the
+    whole components are multiplied.
     """
     friction, power = factors[:1], factors[1:]
     xp = namespace(*r, factors)
-    along = xp.concatenate([r.along[:1], r.along[1:] * friction])
-    across = xp.concatenate([r.across[:1], r.across[1:] * friction])
+    x, y, z = r.along[:1], r.across[:1], r.onto[:1]
+    held = xp.where((z > 0) & (x * x + y * y < z * z), 1.0, friction)
+    along = xp.concatenate([x * held, r.along[1:] * friction])
+    across = xp.concatenate([y * held, r.across[1:] * friction])
     return r._replace(along=along, across=across, power=r.power * power)
 
 
