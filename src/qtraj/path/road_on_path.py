@@ -95,6 +95,11 @@ class RoadOnPath:
         found = self.vehicle.parameters(np.float64, self.road.at(s, sections))
         return found.each(lambda x: np.broadcast_to(np.asarray(x, float), np.shape(s)))
 
+    def banks(self, s: Float[np.ndarray, "*n"], sections: np.ndarray) -> Float[np.ndarray, "*n"]:
+        """Return the banks [rad] at distances [m] in sections."""
+        bank: Any = self.vehicle.bank if self.road.bank is None else self.road.at(s, sections).bank
+        return np.broadcast_to(np.asarray(bank, float), np.shape(s))
+
     def cut(self, low: Float[np.ndarray, " n"], high: Float[np.ndarray, " n"]) -> Cut:
         """Return the parts of intervals in each section; sections overlap by the uncertainty of the distance."""
         starts, ends = self._ends

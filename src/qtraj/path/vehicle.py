@@ -118,6 +118,11 @@ class Vehicle(eqx.Module):
         """Whether bank, friction or side of the road change along the way."""
         return self.road is not None and not self.road.is_constant
 
+    @property
+    def has_left(self) -> bool:
+        """Whether the road has a direction to the left, instead of being level in the lateral direction."""
+        return self.road is not None and self.road.left is not None
+
     def parameters(self, dtype: Any = None, surface: Surface | None = None) -> RoadParameters:
         """Return the parameters of the formulas, (*batch) each, as NumPy arrays or, inside a trace, as JAX arrays.
 

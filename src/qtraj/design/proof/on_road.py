@@ -203,15 +203,17 @@ def _values(on: RoadOnPath, entry: PathQuantity, u: np.ndarray, sections: np.nda
     """Return the values of a quantity at parameters of the path."""
     vehicle = on.at(u, sections)
     path: AbstractHodograph = on.on.path
+    order, world = max(entry.order, 1), entry.in_world(vehicle)
     with np.errstate(all="ignore"):
         if path.supports_numpy:
-            return np.asarray(entry.value(invariants_at(path, u, max(entry.order, 1), vehicle)))
+            return np.asarray(entry.value(invariants_at(path, u, order, vehicle, world)))
         return np.asarray(_compiled(path, entry, u, vehicle))
 
 
 @eqx.filter_jit
 def _compiled(path: AbstractHodograph, entry: PathQuantity, u: Any, vehicle: RoadParameters) -> Any:
-    at = lambda u, v: jnp.asarray(entry.value(invariants_at(path, u, max(entry.order, 1), v)))  # noqa: E731
+    order, world = max(entry.order, 1), entry.in_world(vehicle)
+    at = lambda u, v: jnp.asarray(entry.value(invariants_at(path, u, order, v, world)))  # noqa: E731
     return jax.vmap(at)(u, vehicle)
 
 

@@ -22,7 +22,7 @@ def friction_at_rest(
     """
     one: Any = np.ones(())
     known = road_on(vehicle, path).at(u) if vehicle.on_changing_road else vehicle.parameters()
-    parameters: Any = type(known)(*(np.asarray(x) for x in known))
+    parameters = known.each(np.asarray)
     with np.errstate(all="ignore"):  # at a stop, friction counts as zero
         found = parts(np.asarray(path_derivatives(path, u)), one, {"friction": one}, parameters).road
         usage = np.nan_to_num(road.used(found, np.zeros((2, u.size)))[0]) if found is not None else np.zeros(u.size)
