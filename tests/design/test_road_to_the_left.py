@@ -63,7 +63,7 @@ def test_the_load_at_the_top_carries_the_car(path):
     assert float(table.normal_load[2]) == pytest.approx(12.69335, rel=1e-6)
     margins = limits((12.6, None), 1.0).margins(path, half)
     assert float(margins["normal_load_min"]) == pytest.approx(BEND - G - 12.6, rel=1e-4)
-    assert float(qt.peak(path, "friction", CAR).value) == pytest.approx(DEMAND, rel=1e-6)
+    assert float(qt.peak(path, "friction", CAR)[1]) == pytest.approx(DEMAND, rel=1e-6)
 
 
 def test_extremes_are_those_of_a_circle_and_of_own_quantities():
@@ -73,7 +73,7 @@ def test_extremes_are_those_of_a_circle_and_of_own_quantities():
     values = [float(found.worst[name][1]) for name in found.names]
     np.testing.assert_allclose(values, [BEND - G, BEND + G, DEMAND], rtol=1e-6)
     np.testing.assert_allclose(values, [float(other.worst[name][1]) for name in other.names], rtol=1e-9)
-    np.testing.assert_array_equal(found.codes, other.codes)
+    assert [found.status[name] for name in found.names] == [other.status[name] for name in other.names]
 
 
 def test_limits_are_decided_at_the_extremes():
@@ -87,16 +87,22 @@ def test_limits_are_decided_at_the_extremes():
 
 @pytest.mark.parametrize("seed", range(6))
 def test_statuses_are_those_of_own_quantities(seed):
-    """Random limits near the extremes, on loops of random speeds, some of which are too slow."""
+    """Random limits near the extremes, on loops of random speeds."""
     random = np.random.default_rng(seed)
-    path = own.loop(random.uniform(9.0, 16.0), segments=16)
+    path = own.loop(random.uniform(10.5, 16.0), segments=16)
     extremes = qt.certify(path, limits((-100.0, 100.0), 100.0))
     low, high, friction = (float(extremes.worst[name][1]) for name in extremes.names)
-    friction = friction if np.isfinite(friction) else 1.0
     near = 1 + random.choice([-1, 1], size=3) * 10.0 ** random.uniform(-9, -2, size=3)
     bounds = (low * near[0], high * near[1]), friction * near[2]
     found, other = qt.certify(path, limits(*bounds)), qt.certify(path, own.limits(*bounds))
     assert [found.status[name] for name in found.names] == [other.status[name] for name in other.names]
+
+
+def test_a_car_that_would_fall_is_found():
+    """At 9 m/s the load at the top is negative, and the friction demand has poles."""
+    found = qt.certify(own.loop(9.0), limits((0.0, 40.0), 1.0))
+    assert found.status == {"normal_load_min": "broken", "normal_load_max": "proved", "friction": "broken"}
+    assert float(found.worst["normal_load_min"][1]) == pytest.approx(8.1 - G, rel=1e-6)
 
 
 def test_a_bank_turns_the_road_from_its_direction():
@@ -113,7 +119,8 @@ def test_a_bank_turns_the_road_from_its_direction():
 def test_the_opposite_direction_is_the_outer_side_of_the_loop():
     outer = qt.Vehicle(1.0, friction=GRIP, road=qt.Road(left=(0, -1, 0)))
     found = qt.certify(own.loop(), limits((None, 0.0), 1.0, outer))
-    assert found.status == {"normal_load_max": "proved", "friction": "broken"}
+    assert found.status == {"normal_load_max": "proved", "friction": "undefined"}
+    assert "the load on the road is not positive" in str(found)
 
 
 @pytest.mark.parametrize("kind", ["linear", "step"])
@@ -124,7 +131,9 @@ def test_a_direction_that_changes_along_the_way(kind):
     vehicle = qt.Vehicle(1.0, friction=GRIP, road=changing)
     found = qt.certify(path, limits((12.6, 40.0), 1.0, vehicle))
     assert set(found.status.values()) == {"proved"}
-    np.testing.assert_allclose(found.values, qt.certify(path, limits((12.6, 40.0), 1.0)).values, rtol=1e-6)
+    alone = qt.certify(path, limits((12.6, 40.0), 1.0))
+    for name in found.names:
+        assert float(found.worst[name][1]) == pytest.approx(float(alone.worst[name][1]), rel=1e-6)
     times = np.linspace(0.0, float(path.duration), 41)
     one, other = (qt.evaluate(path, times, ("normal_load",), vehicle=x).normal_load for x in (CAR, vehicle))
     np.testing.assert_allclose(one, other, rtol=1e-9)
@@ -200,4 +209,4 @@ def test_a_speed_profile_has_the_forces_of_the_loop():
     found = qt.retime(own.loop(), qt.Limits(friction=1.0, speed=15.0, vehicle=CAR))
     profile = qt.speed_profile(found)
     assert np.isfinite(np.asarray(profile.speed)).all()
-    assert float(np.max(np.asarray(profile.usage["friction"]))) == pytest.approx(DEMAND, rel=1e-2)
+    assert float(np.max(np.asarray(profile.usage[profile.names.index("friction")]))) == pytest.approx(DEMAND, rel=1e-2)
