@@ -23,7 +23,7 @@ from jaxtyping import Bool, Float
 
 from qtraj.design.timing.constraints import STANDING, Constraints
 from qtraj.design.timing.interior_point import Program
-from qtraj.design.timing.road import ROAD
+from qtraj.design.timing.road import LOADS, ROAD
 from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import Scalar
 from qtraj.path.quantity import COMBINED, quantity
@@ -59,7 +59,9 @@ def largest(
     rates = [xp.sqrt(x * s) / length for x, s in zip(ends, (square.ravel()[0], square.ravel()[-1]), strict=True)]
     for name, bound in bounds.items():
         entry = quantity("lateral_acceleration" if name == COMBINED else name)
-        if name not in ROAD:
+        if name in LOADS and vehicle is not None:
+            rates.append(xp.sqrt(abs(bound) / vehicle.mass / length))
+        elif name not in ROAD:
             rates.append((abs(bound) / length**entry.length) ** (1 / entry.per_time))
         elif vehicle is not None:
             gravity = xp.sqrt(bound * vehicle.gravity / length)

@@ -44,7 +44,7 @@ from qtraj.design.timing.requirements import (
 from qtraj.design.timing.result_code import REACHED, accuracy_code, result_code
 from qtraj.design.timing.retimed_cells import Cells, of_parts
 from qtraj.design.timing.retimed_maxima import Limited, largest_in, values_in
-from qtraj.design.timing.road import ROAD
+from qtraj.design.timing.road import ON_ROAD
 from qtraj.design.timing.road_cells import road_of
 from qtraj.design.timing.search import MARGIN
 from qtraj.design.timing.sources import source
@@ -184,7 +184,7 @@ def retime(
     require_moving(bounds, speeds, ends, stops_of(parts))
     require_start_and_stop(bounds, speeds, stops_of(parts))
     speeds = tuple(faster_than_bound(v, bounds, u) for v, u in zip(speeds, ends, strict=True))
-    vehicle = limits.vehicle if set(names) & set(ROAD) else None
+    vehicle = limits.vehicle if set(names) & set(ON_ROAD) else None
     road = None if vehicle is None else road_of(limits, path, is_traced(path, limits, speeds))
     if not is_traced(path, bounds, road, speeds):
         bounds = {name: x if isinstance(x, Varying | OfSpeed) else np.asarray(x) for name, x in bounds.items()}
@@ -273,7 +273,7 @@ def _judged(
     powers = xp.concatenate([x.powers for x in timed])
     timing = Timing(powers, knots, rest)
     own = np.array([NAMES.index(name) for name in names])
-    rows = listed(names, any(name in ROAD for name in names))
+    rows = listed(names, any(name in ON_ROAD for name in names))
     usage = xp.concatenate([x.usage for x in timed], axis=1)
     usage = usage[np.array([rows.index(name) for name in names])] * (1 - MARGIN)
     codes = xp.concatenate([xp.asarray(x.codes) for x in timed], axis=1)[own]

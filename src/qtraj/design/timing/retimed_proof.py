@@ -23,7 +23,7 @@ from qtraj.design.timing.pieces import proved_in_pieces
 from qtraj.design.timing.proof import prove
 from qtraj.design.timing.retimed_cells import ROUNDINGS, Cells, cells_of, divides_equally
 from qtraj.design.timing.retimed_maxima import Limited, largest_in, largest_per_cell, values_in
-from qtraj.design.timing.road import ROAD
+from qtraj.design.timing.road import ON_ROAD
 from qtraj.design.timing.road_cells import road_of
 from qtraj.design.timing.sources import source
 from qtraj.design.timing.timing import RetimedPath
@@ -105,7 +105,7 @@ def _of_timing(path: RetimedPath, limits: Limits, cells: Cells) -> Certificate:
         for name, x in on_path(limits.given(), path.path).items()
     }
     vehicle: Any = None
-    if set(names) & set(ROAD):
+    if set(names) & set(ON_ROAD):
         vehicle = road_of(limits, path.path, False)
         if isinstance(vehicle, RoadParameters):
             vehicle = vehicle.each(lambda x: xp.asarray(x, dtype))

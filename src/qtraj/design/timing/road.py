@@ -22,11 +22,17 @@ from jaxtyping import Float
 
 from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import Scalar
-from qtraj.path.components import cross, dot, scaled
+from qtraj.path.components import cross, scaled
 from qtraj.path.road_parameters import RoadParameters
 
 ROAD = ("friction", "power")
-"""Limits that need a vehicle."""
+"""Limits that need a vehicle, and have constraints of their own."""
+
+LOADS = ("normal_load", "normal_load_min", "normal_load_max")
+"""Limits that need a vehicle, and are affine in a."""
+
+ON_ROAD = (*ROAD, *LOADS)
+"""All limits that need a vehicle."""
 
 LEAST_LOAD = 1e-6
 """Lower bound on the divisor Z in the ratio of the friction to its limit, relative to the normal force at rest."""
@@ -66,12 +72,9 @@ def coefficients(
     infinite or not in `bounds` is absent.
     """
     xp, z = namespace(*ahead, *vehicle.numbers, *bounds.values()), ahead[2]
-    left, upwards = _upright(ahead, xp) if vehicle.axis is None else _about(vehicle.axis, ahead, xp)
-    forward, to_left, up = (sum(p * q for p, q in zip(axis, second, strict=True)) for axis in (ahead, left, upwards))
-    g, cos, sin = vehicle.gravity, vehicle.cos, vehicle.sin
+    g, forward = vehicle.gravity, _dot(ahead, second)
     along = xp.stack([g * z, forward + vehicle.drag * speed**2, half * speed])
-    across = xp.stack([cos * g * left[2] - sin * g * upwards[2], cos * to_left - sin * up])
-    onto = xp.stack([cos * g * upwards[2] + sin * g * left[2], cos * up + sin * to_left])
+    across, onto = _normal(ahead, second, vehicle, xp)
     resistance = vehicle.rolling * xp.stack([*onto, 0.0 * z])
     power = (vehicle.mass * speed / bounds.get("power", np.inf))[None] * (along + resistance)
     # On a road with another axis than the vertical, the normal force at rest may be zero.
@@ -83,6 +86,23 @@ def coefficients(
     neutral = xp.stack([xp.ones_like(z), xp.zeros_like(z)])
     grip = grip[0], grip[1], xp.where(xp.isfinite(limit), grip[2], neutral)
     return Road(*grip, power, _upper(*grip[1:]))
+
+
+def normal_load(ahead: Float[Any, "3 *nodes"], second: tuple[Any, ...], vehicle: RoadParameters) -> Any:
+    """Return the coefficients of 1 and a in the normal load [N]; the arguments are those of `coefficients`."""
+    return vehicle.mass * _normal(ahead, second, vehicle, namespace(*ahead, *vehicle.numbers))[1]
+
+
+def _normal(ahead: Any, second: Any, vehicle: RoadParameters, xp: Any) -> tuple[Any, Any]:
+    """Return the coefficients of 1 and a in the components Y and Z of the force."""
+    left, upwards = _upright(ahead, xp) if vehicle.axis is None else _about(vehicle.axis, ahead, xp)
+    g, cos, sin, to_left, up = vehicle.gravity, vehicle.cos, vehicle.sin, _dot(left, second), _dot(upwards, second)
+    across = xp.stack([cos * g * left[2] - sin * g * upwards[2], cos * to_left - sin * up])
+    return across, xp.stack([cos * g * upwards[2] + sin * g * left[2], cos * up + sin * to_left])
+
+
+def _dot(p: Any, q: Any) -> Any:
+    return sum(x * y for x, y in zip(p, q, strict=True))
 
 
 def _upright(ahead: Any, xp: Any) -> tuple[Any, Any]:
@@ -97,7 +117,7 @@ def _about(axis: Any, ahead: Any, xp: Any) -> tuple[Any, Any]:
     """Return the axes n and b of the frame about another axis than the vertical, which is in world axes."""
     ahead = tuple(ahead)
     n = cross(axis, ahead)
-    square = dot(n, n)
+    square = _dot(n, n)
     n = scaled(n, 1 / xp.sqrt(xp.where(square > 0, square, 1.0)))
     return n, cross(ahead, n)
 
