@@ -81,9 +81,9 @@ def retime(
 
     `limits` may contain only limits that depend on the timing: `speed`, `acceleration`, `lateral_acceleration`,
     `longitudinal_acceleration`, `vertical_speed`, `vertical_acceleration`, `jerk`, `yaw_rate`, `yaw_acceleration`,
-    `curvature_rate`, `angular_rate` and, with a vehicle, `friction` and `power`. `speed`, `vertical_speed`,
-    `yaw_rate`, `curvature_rate` and the longitudinal, vertical and yaw acceleration may have two sides, as in
-    `longitudinal_acceleration=(-6, 2)`.
+    `curvature_rate`, `angular_rate` and, with a vehicle, `friction`, `power` and `normal_load`. `speed`,
+    `vertical_speed`, `yaw_rate`, `curvature_rate`, the load, and the longitudinal, vertical and yaw acceleration may
+    have two sides, as in `longitudinal_acceleration=(-6, 2)`.
 
     Limits may change along the way (`Along`): in a cell in which a limit changes, its strictest value holds, and such
     cells are small.
