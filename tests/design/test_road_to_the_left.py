@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
 from tests.design import test_vertical_loop as own
 
@@ -210,3 +211,42 @@ def test_a_speed_profile_has_the_forces_of_the_loop():
     profile = qt.speed_profile(found)
     assert np.isfinite(np.asarray(profile.speed)).all()
     assert float(np.max(np.asarray(profile.usage[profile.names.index("friction")]))) == pytest.approx(DEMAND, rel=1e-2)
+
+
+def test_the_normal_load_is_limited_from_both_sides():
+    """Where the speed is below its limit, the fastest timing has the load 30 N, so v² = R(30 N/kg − g cos θ)."""
+    bounds = qt.Limits(speed=18.0, normal_load=(12.6, 30.0), friction=2.0, vehicle=CAR)
+    found = qt.retime(own.loop(), bounds)
+    assert set(found.certificate.status.values()) == {"proved"}
+    squares = lambda x: min(18.0**2, RADIUS * (30.0 - G * np.cos(x)))  # noqa: E731
+    edge = np.arccos((30.0 - 18.0**2 / RADIUS) / G)
+    expected = 2 * RADIUS * quad(lambda x: squares(x) ** -0.5, 0.0, np.pi, points=[edge])[0]
+    assert float(found.path.duration) == pytest.approx(expected, rel=1e-3)
+    assert float(found.certificate.worst["normal_load_max"][1]) == pytest.approx(30.0, rel=1e-3)
+    times = np.linspace(0.0, float(found.path.duration), 2001)
+    load = qt.evaluate(found.path, times, ("normal_load",), vehicle=CAR).normal_load
+    assert 12.6 <= load.min() == pytest.approx(float(found.certificate.worst["normal_load_min"][1]), rel=1e-4)
+    assert load.max() <= 30.0
+    assert set(qt.certify(found.path, bounds).status.values()) == {"proved"}
+
+
+def test_a_load_is_proved_and_refuted_on_a_timing():
+    """At 15 m/s the load on a banked road with drag has its extremes at the top and the bottom of the loop."""
+    banked = qt.Vehicle(800.0, drag_area=1.0, friction=1.0, road=qt.Road(left=(0, 1, 0), bank=0.1))
+    timed = qt.retime(own.loop(), qt.Limits(speed=15.0, friction=1.0, vehicle=banked)).path
+    low, high = (800.0 * np.cos(0.1) * (BEND + x) for x in (-G, G))
+    for slack, status in ((1e-3, "proved"), (-1e-3, "broken")):
+        bounds = qt.Limits(normal_load=(low * (1 - slack), high * (1 + slack)), vehicle=banked)
+        assert set(qt.certify(timed, bounds).status.values()) == {status}
+
+
+def test_a_load_that_no_timing_has_is_named():
+    found = qt.retime(own.loop(segments=16), qt.Limits(speed=15.0, normal_load=(12.8, None), vehicle=CAR))
+    assert not found.certificate.holds
+    assert "the lower bound on normal_load contradicts another limit" in str(found.result)
+
+
+def test_a_loop_that_is_too_slow_is_explained():
+    found = qt.retime(own.loop(segments=16), qt.Limits(speed=9.0, friction=1.0, vehicle=CAR))
+    assert not found.certificate.holds
+    assert "at (0, 0, 20) m, only a high speed keeps it there" in str(found.result)

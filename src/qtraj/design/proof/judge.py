@@ -96,9 +96,8 @@ class _Task:
 
     def _provable(self, entry: PathQuantity) -> np.ndarray:
         """Return for which paths limits on a quantity can be proved."""
-        if entry.in_world(self.vehicle) and not self.source.in_world:
-            return np.zeros(self.source.count, bool)
-        provable = self.source.provable(entry.upright)
+        has_axes = self.source.in_world or not entry.in_world(self.vehicle)
+        provable = self.source.provable(entry.upright) & has_axes
         own = entry.own
         return provable if own is None else provable & (own.formula is not None and self.source.proves(own))
 
