@@ -1,5 +1,7 @@
 """Roads with a direction to the left: a whole vertical loop with the registry's own quantities."""
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -250,3 +252,20 @@ def test_a_loop_that_is_too_slow_is_explained():
     found = qt.retime(own.loop(segments=16), qt.Limits(speed=9.0, friction=1.0, vehicle=CAR))
     assert not found.certificate.holds
     assert "at (0, 0, 20) m, only a high speed keeps it there" in str(found.result)
+
+
+def test_batches_and_derivatives_use_the_direction():
+    one = helix()
+    paths = jax.tree.map(lambda x: jnp.stack([jnp.asarray(x)] * 2), one)
+    times = np.linspace(0.0, float(one.duration), 9)
+    table, expected = (qt.evaluate(x, times, FORCES, vehicle=CAR) for x in (paths, one))
+    for name in FORCES:
+        np.testing.assert_allclose(getattr(table, name)[1], getattr(expected, name), rtol=1e-9, atol=1e-9)
+
+    def demand(rate):
+        angle = jnp.stack([jnp.asarray(one.angle[0]), rate])
+        return qt.peak(qt.SpiralHelix(one.radius, angle, one.height, one.duration, one.placement), "friction", CAR)[1]
+
+    rate = SPEED / RADIUS
+    slope = -2 * G / GRIP * BEND**2 / rate / (BEND**2 - G**2) ** 1.5  # of G / √((R·rate²)² − G²) / GRIP
+    assert float(jax.grad(demand)(jnp.asarray(rate))) == pytest.approx(slope, rel=1e-6)
