@@ -227,7 +227,7 @@ class Retimed(AbstractOutcome):
         where = ", ".join(f"{x:.4g}" for x in np.round(place, 6) + 0.0)
         if np.isinf(needed):
             return (
-                f"no timing was found. Gravity pulls a slow vehicle off the road: at ({where}) m, only a high speed "
+                f"no timing was found. A slow vehicle would fall off the road: at ({where}) m, only a high speed "
                 "keeps it there. Raise the limits on speed and friction, pass a vehicle with more friction, or change "
                 "the path."
             )

@@ -18,8 +18,8 @@ def friction_at_rest(
 ) -> tuple[float, Float[np.ndarray, " 3"]]:
     """Return the largest fraction of the available friction that gravity alone needs, and the position there [m].
 
-    It is infinite if gravity pulls the vehicle off the road somewhere; the position is then where it pulls most. `u`
-    are the parameters of the path at which it is evaluated.
+    It is infinite if a slow vehicle would fall off the road somewhere; the position is then where its load is lowest.
+    `u` are the parameters of the path at which it is evaluated.
     """
     one: Any = np.ones(())
     known = road_on(vehicle, path).at(u) if vehicle.on_changing_road else vehicle.parameters()
