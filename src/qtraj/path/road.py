@@ -217,7 +217,7 @@ def _sides(given: Any, count: int) -> tuple[bool, ...]:
 
 def _directions(given: Any, count: int) -> tuple[tuple[float, ...], ...]:
     """Return a vector for each distance, which is empty where the road is level in the lateral direction."""
-    rows = list(given) if np.iterable(given) else []
+    rows: list[Any] = list(given) if np.iterable(given) else []
     if rows and not any(x is None or np.ndim(x) for x in rows):  # one vector
         rows = [given] * count
     if len(rows) != count:

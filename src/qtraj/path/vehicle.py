@@ -192,7 +192,7 @@ def fixed_parameters(vehicle: Vehicle | None, dtype: Any = None, strict: bool = 
     same = [x is None or len(set(x)) == 1 for x in (road.bank, road.friction, road.friction, road.inverted, road.left)]
     left = None if road.left is None else start.left if same[-1] else np.full(3, np.nan)
     known = [x if keeps else nan for x, keeps in zip(start[:4], same[:4], strict=True)]
-    return vehicle.parameters(dtype, Surface(*known, left))
+    return vehicle.parameters(dtype, Surface(*known)._replace(left=left))
 
 
 def require_vehicle(vehicle: Vehicle | None, what: str) -> Vehicle:

@@ -121,7 +121,8 @@ def road_of(limits: Any, path: AbstractHodograph, traced: bool) -> RoadParameter
     **Raises:** ValueError for such a road if a value is `traced`, and for a direction of the road to the left on a path
     that is polynomial only in a basis that rotates with it.
     """
-    if limits.vehicle is not None and limits.vehicle.has_left and path.polynomials() is not None:
+    vehicle: Vehicle | None = limits.vehicle
+    if vehicle is not None and vehicle.has_left and path.polynomials() is not None:
         raise ValueError(
             "retime supports the direction of a road to the left on routes: pass a route, such as "
             "qtraj.Route.from_path(path), or a vehicle without Road(left=...)"
