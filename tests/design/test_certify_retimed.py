@@ -115,7 +115,8 @@ def test_a_stored_path_has_the_same_certificate(case, tmp_path):
 def test_all_kinds_of_limits_keep_their_order():
     """Limits on timing, on shape, and limits that can only be sampled."""
     timed = qt.retime(CORNER, qt.Limits(speed=9.0, vehicle=CAR, power=1e5), knots=KNOTS)
-    limits = qt.Limits(speed=9.0, curvature=0.2, normal_load=1e6, power=1e5, torsion=9.0, vehicle=CAR)
+    forces = {"normal_load": 1e6, "lateral_force": 1e6}
+    limits = qt.Limits(speed=9.0, curvature=0.2, power=1e5, torsion=9.0, vehicle=CAR, **forces)
     found = qt.certify(timed.path, limits)
     assert found.names == tuple(limits.given())
     assert set(found.status.items()) == {
@@ -123,7 +124,8 @@ def test_all_kinds_of_limits_keep_their_order():
         ("torsion", "proved"),
         ("speed", "proved"),
         ("power", "proved"),
-        ("normal_load", "sampled"),
+        ("normal_load", "proved"),
+        ("lateral_force", "sampled"),
     }
     assert qt.certify(timed.path, qt.Limits()).names == ()
 

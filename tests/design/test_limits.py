@@ -17,8 +17,8 @@ from qtraj.path.frenet import Invariants
 from qtraj.path.moment_quantities import MOMENTS
 from qtraj.path.path_quantity import WHEELBASE
 from qtraj.path.quantity import QUANTITIES
+from qtraj.path.road_parameters import GRAVITY, NO_VEHICLE
 from qtraj.path.values import value as value_of
-from qtraj.path.vehicle import GRAVITY, NO_VEHICLE
 
 ALL = {name: 1.0 for name, entry in QUANTITIES.items() if not entry.needs}
 STEERING = [name for name, entry in QUANTITIES.items() if entry.needs == WHEELBASE]

@@ -12,8 +12,8 @@ import qtraj as qt
 from qtraj.foundation import document
 from qtraj.io.dataset import path_dataset
 from qtraj.path.quantity import quantity
+from qtraj.path.road_parameters import GRAVITY
 from qtraj.path.values import value
-from qtraj.path.vehicle import GRAVITY
 
 L = 2.7
 CAR = qt.Vehicle(1500.0, wheelbase=L)

@@ -97,6 +97,29 @@ def test_a_vehicle_with_a_road_is_stored_exactly(tmp_path):
     assert vehicle_from({name: x.values for name, x in vehicle_quantities(vehicle).items()}).road == road
 
 
+@pytest.mark.parametrize("left", [(0, 1, 0), [None, (0.1, -1e-3, 2 / 3), None]])
+def test_a_direction_to_the_left_is_stored_exactly(tmp_path, left):
+    vehicle = qt.Vehicle(1000.0, road=qt.Road([0, 0.1, 40], left=left))
+    for name in ("v.toml", "v.json"):
+        save(vehicle, tmp_path / name)
+        assert qt.load(tmp_path / name).road == vehicle.road
+    assert vehicle_from({name: x.values for name, x in vehicle_quantities(vehicle).items()}).road == vehicle.road
+
+
+def test_a_direction_to_the_left_has_any_length():
+    one, tiny, huge = (qt.Road(left=x * np.array([3.0, 0.0, 4.0])).at(np.zeros(2)).left for x in (1.0, 1e-200, 1e200))
+    for found in (one, tiny, huge):
+        np.testing.assert_allclose(found, [[0.6, 0.0, 0.8]] * 2, rtol=1e-15)
+
+
+def test_a_direction_holds_up_to_the_next_distance():
+    road = qt.Road([0, 10, 20], left=[None, (0, 2, 0), None])
+    np.testing.assert_array_equal(road.at(np.array([0.0, 9.9, 10.0, 19.9, 20.0])).left[:, 1], [0, 0, 1, 1, 0])
+    assert not road.is_constant
+    assert qt.Road(left=(0, 1, 0)).is_constant
+    assert "left at 3 distances over 20 m" in repr(road)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -107,7 +130,13 @@ def test_a_vehicle_with_a_road_is_stored_exactly(tmp_path):
         ({"distance": [0, 1], "friction": [0.0, 0.5]}, "must be positive"),
         ({"distance": [0, 1], "inverted": [0, 1]}, "true or false"),
         ({"distance": [0, 1], "kind": "cubic"}, "'linear' or 'step'"),
-        ({"distance": [0, 1]}, "at least one of bank, friction and inverted"),
+        ({"left": (0, 0, 0)}, "three components that are not all zero"),
+        ({"left": (0, 1)}, "three components that are not all zero"),
+        ({"left": "left"}, "must contain numbers"),
+        ({"left": (0, np.nan, 0)}, "must be finite"),
+        ({"distance": [0, 1], "left": [(0, 1, 0)]}, "None for each of the 2 distances"),
+        ({"distance": [0, 1], "left": [(0, 1, 0), (0, 0, 0)]}, "three components that are not all zero"),
+        ({"distance": [0, 1]}, "at least one of bank, friction, inverted and left"),
     ],
 )
 def test_a_wrong_road_is_refused(arguments, message):

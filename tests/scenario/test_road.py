@@ -37,11 +37,26 @@ def test_a_road_in_a_file(read, tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("table", "expected"),
+    [
+        ("left = [0, 1, 0]", qt.Road(left=(0, 1, 0))),
+        ("distance = [0, 9]\nbank = [0, 0.1]\nleft = [0, 1, 0]", qt.Road([0, 9], bank=[0, 0.1], left=(0, 1, 0))),
+        ("distance = [0, 9.5]\nleft = [[], [0, 1, 0]]", qt.Road([0, 9.5], left=[None, (0, 1, 0)])),
+    ],
+)
+def test_a_direction_to_the_left(read, table, expected):
+    assert vehicle(read, f"[vehicle.road]\n{table}\n").road == expected
+
+
+@pytest.mark.parametrize(
     ("text", "message"),
     [
         ("bank = 0.1\n[vehicle.road]\ndistance = [0]\nbank = [0.1]\n", "both define the bank"),
         ('[vehicle.road]\nfile = "a.csv"\nbank = [0.1]\n', "specify one of them"),
         ("[vehicle.road]\nbank = [0.1]\n", "needs 'distance', or 'file'"),
+        ("[vehicle.road]\nbank = [0.1]\nleft = [0, 1, 0]\n", "needs 'distance', or 'file'"),
+        ("[vehicle.road]\nleft = [0, 0, 0]\n", "not all zero"),
+        ("[vehicle.road]\nleft = [0, 1]\n", "three components"),
         ("[vehicle.road]\ndistance = [1.0]\nbank = [0.1]\n", "the first one is 1 m: subtract it"),
     ],
 )

@@ -6,7 +6,8 @@ The module `qtraj.path.contact` computes the components of the same force relati
 from typing import Any
 
 from qtraj.path.components import Triple, add_vectors, cross
-from qtraj.path.vehicle import RoadParameters, Vehicle
+from qtraj.path.road_parameters import RoadParameters
+from qtraj.path.vehicle import Vehicle
 
 
 def path_force(road: RoadParameters, derivatives: list[Triple], up: Triple, speed: Any) -> Triple:

@@ -33,7 +33,7 @@ from qtraj.path.regularity import rotating_span
 from qtraj.path.road_on_path import road_on
 from qtraj.path.standstill import driven_invariants
 from qtraj.path.trihedral import AbstractFrame
-from qtraj.path.vehicle import RoadParameters, Vehicle, fixed_parameters
+from qtraj.path.vehicle import Vehicle, fixed_parameters
 
 Times = Float[Array, "rows instants"]
 
@@ -82,14 +82,19 @@ class Instants:
 
     def path_quantity(self, entry: PathQuantity) -> Array:
         """Return the values of a path quantity."""
-        if entry.own is not None and entry.own.world:
-            return entry.value(self._in_world)
+        if entry.in_world(self._road):
+            return entry.value(self._driven_in_world if entry.gravity else self._in_world)
         return entry.scale(self._road) * entry.value(self._driven if entry.gravity else self._with_vehicle)
 
     @cached_property
     def _in_world(self) -> Invariants:
         """The invariants of derivatives in world axes, for quantities of one's own."""
         return Invariants([self.derivative(k) for k in range(ORDER + 1)], None, self._road, root)
+
+    @cached_property
+    def _driven_in_world(self) -> Invariants:
+        """The same for forces, also at a standstill."""
+        return driven_invariants(self._in_world.r, None, self._road, self.t, self.duration, self.span, root)
 
     @cached_property
     def invariants(self) -> Invariants:
@@ -112,11 +117,9 @@ class Instants:
     def _road(self) -> Any:
         """The parameters of the vehicle; those that change along the way are NaN in a batch and under JAX."""
         if self.vehicle is not None and self.vehicle.on_changing_road and self._one is not None:
-            return RoadParameters(*(x[None] for x in road_on(self.vehicle, self._one).at(np.asarray(self.t[0]))))
+            return road_on(self.vehicle, self._one).at(np.asarray(self.t[0])).each(lambda x: x[None])
         parameters = fixed_parameters(self.vehicle, self.duration.dtype)
-        return RoadParameters(
-            *(x[:, None] if xp.ndim(x) else x for x in parameters)
-        )  # shared by all instants of a path
+        return parameters.each(lambda x: x[:, None] if xp.ndim(x) else x)  # shared by all instants of a path
 
     @property
     def force(self) -> Triple:

@@ -9,7 +9,8 @@ import numpy as np
 from qtraj.foundation.arrays import concrete
 from qtraj.path.path_quantity import PathQuantity
 from qtraj.path.quantity import quantity
-from qtraj.path.vehicle import RoadParameters, fixed_parameters
+from qtraj.path.road_parameters import RoadParameters
+from qtraj.path.vehicle import fixed_parameters
 
 FACTOR_ROUNDINGS, TINY = 16, 1e-30
 """Terms that are added to a divisor, relative to the sum of the moments of inertia about τ and b.

@@ -28,7 +28,8 @@ from qtraj.path.hodograph import AbstractHodograph, require_path
 from qtraj.path.own_name import OwnName
 from qtraj.path.path_quantity import VEHICLE
 from qtraj.path.quantity import LIMITED, quantity
-from qtraj.path.vehicle import RoadParameters, Vehicle, fixed_parameters
+from qtraj.path.road_parameters import RoadParameters
+from qtraj.path.vehicle import Vehicle, fixed_parameters
 
 
 @storable

@@ -15,8 +15,8 @@ from qtraj.foundation.types import Scalar, ScalarLike
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import COMBINED, quantity
 from qtraj.path.road_on_path import road_on
+from qtraj.path.road_parameters import RoadParameters
 from qtraj.path.values import values
-from qtraj.path.vehicle import RoadParameters
 
 PARTS = ("longitudinal_acceleration_max", "lateral_acceleration", "speed")
 """The quantities of which the combined acceleration consists."""

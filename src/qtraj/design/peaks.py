@@ -26,8 +26,9 @@ from qtraj.path.hodograph import AbstractHodograph, require_path
 from qtraj.path.own_name import name_of
 from qtraj.path.own_quantity import Quantity
 from qtraj.path.quantity import COMBINED, quantity
+from qtraj.path.road_parameters import RoadParameters
 from qtraj.path.values import value
-from qtraj.path.vehicle import RoadParameters, Vehicle, require
+from qtraj.path.vehicle import Vehicle, require
 from qtraj.path.vehicle_data import batch_of
 
 NEWTON_STEPS = 4

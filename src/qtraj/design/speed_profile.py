@@ -27,7 +27,8 @@ from qtraj.foundation.types import Scalar
 from qtraj.path.distances import distances_at
 from qtraj.path.frenet import Invariants
 from qtraj.path.quantity import COMBINED, quantity
-from qtraj.path.vehicle import RoadParameters, Vehicle
+from qtraj.path.road_parameters import RoadParameters
+from qtraj.path.vehicle import Vehicle
 from qtraj.path.vehicle_data import vehicle_quantities
 
 if TYPE_CHECKING:
@@ -246,8 +247,7 @@ def _sampled(
         if combined is not None:
             each[COMBINED] = combined.usage(i.B / speed, quantity("lateral_acceleration").value(i), speed)
         values = jnp.stack([each[name] for name in names])
-        unit_speed = jnp.sqrt(own.S)
-        grip = 0.0 * unit_speed
+        unit_speed, grip = jnp.sqrt(own.S), 0.0 * own.S
         if vehicle is not None:
             bounds: Any = dict(zip(names, limits, strict=True))
             ahead, second = (jnp.stack(x) for x in own.r[1:3])

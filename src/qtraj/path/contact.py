@@ -4,7 +4,9 @@ Let r' and r'' be the derivatives of the path, and `up` the unit vertical. The d
 the road. Without bank the road is level in the lateral direction. Then n = up×r'/√H, with H = |up×r'|², points to the
 left, and b = τ×n points upwards. These are the axes of the upright frame. A bank β rotates n and b about τ. Let m be
 the mass, g gravity, v = |r'| the speed, and m·k·v² the air drag. The force of the road on the vehicle is m·f, with the
-specific force f = r'' + g·up, plus the drag along τ. Its components are
+specific force f = r'' + g·plumb, plus the drag along τ; `plumb` is opposite to gravity and equal to `up`, unless the
+road has another axis: on a vertical loop, `up` is the vector to the left, n is then normal to the road and points down,
+b is to the left, and β is less by a right angle (see `RoadParameters`). The components of the force are
 
         tangential:  X = m(f·τ + k v²),   lateral: Y = m(cos β f·n − sin β f·b),   normal: Z = m(cos β f·b + sin β f·n).
 
@@ -34,37 +36,47 @@ class Contact:
     def __init__(self, invariants: Any):
         self.invariants = invariants
 
-    def compute(self) -> None:
-        """Compute the forces now, so that branches that are traced later share them."""
-        i = self.invariants
-        _ = self.along, self.across, self.onto, i.S, i.H, i.v, i.h
-
     @cached_property
     def along(self) -> Any:
         """The scaled tangential force X·v/m = r'·f + k·pace²·v³, with the symbols of this module."""
         i = self.invariants
-        return i.B + i.gravity * i.V + i.vehicle.drag * mul(mul(i.pace, i.pace), i.S * i.v)
+        return i.B + i.gravity * i.plumb_ahead + i.vehicle.drag * mul(mul(i.pace, i.pace), i.S * i.v)
 
     @cached_property
     def across(self) -> Any:
         """The scaled lateral force Y·v√H/m, positive to the left, with the symbols of this module."""
         i = self.invariants
-        return i.vehicle.cos * (i.P * i.v) - i.vehicle.sin * self.upwards
+        return i.vehicle.cos * self.aside - i.vehicle.sin * i.upward_force
 
     @cached_property
     def onto(self) -> Any:
         """The scaled normal force Z·v√H/m, positive if the road pushes the vehicle, with the symbols of this module."""
         i = self.invariants
-        return i.vehicle.cos * self.upwards + i.vehicle.sin * (i.P * i.v)
+        return i.vehicle.cos * i.upward_force + i.vehicle.sin * self.aside
 
     @cached_property
-    def upwards(self) -> Any:
-        """The scaled component of the specific force along b, (f·b)·v√H.
-
-        The factor removes the root: b·v√H = S·up − V·r', with S = r'·r' and the climb rate V = r'·up.
-        """
+    def aside(self) -> Any:
+        """The scaled component of the specific force along n, (f·n)·v√H, with n√H = up×r'."""
         i = self.invariants
-        return i.S * i.W - i.V * i.B + i.gravity * i.H
+        return (i.P if i.plumb is None else i.P + i.gravity * i.plumb_aside) * i.v
+
+    @property
+    def level_square(self) -> Any:
+        """H, which is zero where the frame of the road is undefined."""
+        return self.invariants.H
+
+    @property
+    def level(self) -> Any:
+        """√H, which is zero where the frame of the road is undefined."""
+        return self.invariants.h
+
+
+def upward_force(i: Any) -> Any:
+    """Return the scaled component of the specific force along b, (f·b)·v√H, with the symbols of this module.
+
+    The factor removes the root: b·v√H = S·up − V·r', with S = r'·r' and the climb rate V = r'·up.
+    """
+    return i.S * i.W - i.V * i.B + i.gravity * i.plumb_above
 
 
 def friction_numerator(i: Any) -> Any:
@@ -73,10 +85,10 @@ def friction_numerator(i: Any) -> Any:
     μ_along and μ_across are the coefficients of friction; the module defines the other symbols.
     """
     p, x, y = i.vehicle, i.contact.along, i.contact.across
-    return p.inv_long * (p.inv_long * (x * x * i.H)) + p.inv_lat * (p.inv_lat * (y * y))
+    return p.inv_long * (p.inv_long * (x * x * i.contact.level_square)) + p.inv_lat * (p.inv_lat * (y * y))
 
 
 def power_numerator(i: Any) -> Any:
     """Return (X + C_rr·Z)·pace·v·√H, the drive power times √H, with the symbols of this module."""
     p = i.vehicle
-    return mul(i.pace, p.mass * (i.contact.along * i.h + p.rolling * i.contact.onto))
+    return mul(i.pace, p.mass * (i.contact.along * i.contact.level + p.rolling * i.contact.onto))

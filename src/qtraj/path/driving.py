@@ -177,22 +177,26 @@ def require_moving(path: AbstractHodograph) -> None:
 
 
 def require_one_direction(path: AbstractHodograph, vehicle: Vehicle | None) -> None:
-    """Raise a ValueError for a concrete route that reverses, if the bank angle of `vehicle` is not zero.
+    """Raise a ValueError for a concrete route that reverses on a road that depends on the direction of motion.
 
-    In reverse the same road has the opposite bank angle, because this angle is relative to the direction of motion.
+    In reverse the same road has the opposite bank angle, and the opposite direction to the left.
     """
     bank: Any = None if vehicle is None else concrete(vehicle.bank)
     if vehicle is not None and vehicle.road is not None and vehicle.road.bank is not None:
         bank = max(vehicle.road.bank, key=abs)
-    if bank is None or not np.any(bank) or path.driven() is None:
+    turns = vehicle is not None and vehicle.has_left
+    if bank is None or not (np.any(bank) or turns) or path.driven() is None:
         return
     frame = Driving.along(path)
     reverse = np.flatnonzero(np.asarray(frame.signs) < 0)
     if reverse.size:
+        name, given, instead = "bank", f"bank angle of the road, {np.asarray(bank).tolist()} rad,", "with bank=0"
+        if turns:
+            name, given, instead = "left", "direction of the road to the left", "without Road(left=...)"
         raise ValueError(
-            f"the route reverses at t = {float(frame.starts[reverse[0]]):.4g} s, but the bank angle of the road, "
-            f"{np.asarray(bank).tolist()} rad, is relative to the direction of motion and would change sign there. "
-            "Use route.window(t0, t1) for each direction, with the opposite bank in reverse, or a vehicle with bank=0."
+            f"the route reverses at t = {float(frame.starts[reverse[0]]):.4g} s, but the {given} is relative to the "
+            "direction of motion and would change sign there. Use route.window(t0, t1) for each direction, with the "
+            f"opposite {name} in reverse, or a vehicle {instead}."
         )
 
 

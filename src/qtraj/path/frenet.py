@@ -2,7 +2,8 @@
 
 These formulas are defined only in this module. They apply to every type of vector that `components.dot` and
 `components.cross` accept: vectors (3,), triples of arrays over many instants, and polynomials. The derivatives may be
-given in any orthonormal basis. Formulas with the vertical use `up`, or the third axis by default.
+given in any orthonormal basis. Formulas with the vertical use `up`, or the third axis by default. Forces on a road with
+another axis than the vertical use this axis as `up`, and only gravity is vertical.
 """
 
 from collections.abc import Callable
@@ -12,8 +13,8 @@ from typing import Any
 
 from qtraj.foundation.namespace import xp
 from qtraj.path.components import cross, dot
-from qtraj.path.contact import Contact
-from qtraj.path.vehicle import GRAVITY
+from qtraj.path.contact import Contact, upward_force
+from qtraj.path.road_parameters import GRAVITY
 
 
 def safe_root(x: Any) -> Any:
@@ -37,18 +38,20 @@ class Invariants:
         vehicle: Any = None,
         root: Callable[[Any], Any] = safe_root,
         pace: Any = 1,
+        plumb: Any = None,
     ):
         """Store the derivatives; `derivatives[k]` is the k-th derivative of the path, k ≥ 1.
 
         `up` is the vertical, by default the third axis. `vehicle` contains the `RoadParameters` for quantities that
         need them, and `root` computes the square root of a number. If `derivatives[1]` has only the direction of the
-        velocity, `pace` is the velocity divided by `derivatives[1]`.
+        velocity, `pace` is the velocity divided by `derivatives[1]`. `plumb` is opposite to gravity, if `up` is not.
         """
         self.r = derivatives
         self.up = up
         self.vehicle = vehicle
         self.root = root
         self.pace = pace
+        self.plumb = plumb
         self.references: Any = None  # the squares to which S and N are compared (`regularity`), computed once
 
     @property
@@ -71,9 +74,35 @@ class Invariants:
         return self.root(self.H)
 
     @cached_property
+    def on_road(self) -> "Invariants":
+        """The invariants about the axis of the road: about `up`, unless the road has another axis.
+
+        The derivatives of a path on a road with another axis must be in world axes.
+        """
+        axis = None if self.vehicle is None else self.vehicle.axis
+        if axis is None:
+            return self
+        return Invariants(self.r, axis, self.vehicle, self.root, self.pace, (0, 0, 1))
+
+    @cached_property
     def contact(self) -> Contact:
         """The forces between the vehicle and the road."""
-        return Contact(self)
+        return Contact(self.on_road)
+
+    @cached_property
+    def plumb_ahead(self) -> Any:
+        """The component of r' opposite to gravity; the climb rate V if `up` is opposite to gravity."""
+        return self.V if self.plumb is None else dot(self.r[1], self.plumb)
+
+    @cached_property
+    def plumb_aside(self) -> Any:
+        """The component of up×r' opposite to gravity; 0 if `up` is opposite to gravity."""
+        return 0 if self.plumb is None else dot(cross(self.up, self.r[1]), self.plumb)
+
+    @cached_property
+    def plumb_above(self) -> Any:
+        """The component of S·up − V·r' opposite to gravity; H if `up` is opposite to gravity."""
+        return self.H if self.plumb is None else self.S * dot(self.up, self.plumb) - self.V * self.plumb_ahead
 
     @cached_property
     def c(self) -> Any:
@@ -172,6 +201,11 @@ class Invariants:
     def P1(self) -> Any:
         """The vertical component of c' = r'×r''', the derivative of P = (r'×r'')·up."""
         return self.vertical(self.c1)
+
+    @cached_property
+    def upward_force(self) -> Any:
+        """The specific force along the third axis of the upright frame, times v√H."""
+        return upward_force(self)
 
     def vertical(self, v: Any) -> Any:
         """Return the vertical component of a vector."""

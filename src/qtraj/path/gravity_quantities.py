@@ -42,7 +42,7 @@ def _across(i: Any) -> Any:
 def bank_divisor(i: Any) -> tuple[Any, Any]:
     """Return v√H times |f| + f·z and 2|f|, with the components of the specific force f in the plane of y and z."""
     norm = _norm(i)
-    return norm + i.contact.upwards, 2 * norm
+    return norm + i.upward_force, 2 * norm
 
 
 def force_divisor(i: Any) -> tuple[Any, Any]:
@@ -52,11 +52,11 @@ def force_divisor(i: Any) -> tuple[Any, Any]:
 
 def _norm(i: Any) -> Any:
     """Return v√H times the norm of the components of the specific force to the left and up."""
-    return i.root(squared(i.P) * i.S + squared(i.contact.upwards))
+    return i.root(squared(i.P) * i.S + squared(i.upward_force))
 
 
 def _bank_angle(i: Any) -> Any:
-    across, upwards = _across(i), i.contact.upwards
+    across, upwards = _across(i), i.upward_force
     somewhere = (across != 0) | (upwards != 0)  # the angle of a zero vector has no derivative
     return xp.where(somewhere, xp.arctan2(across, xp.where(somewhere, upwards, 1.0)), 0.0)
 
@@ -95,8 +95,8 @@ GRAVITY_QUANTITIES = (
         "rad",
         2,
         "magnitude of the bank angle of a coordinated turn, across the path",
-        numerator=lambda i: _norm(i) - i.contact.upwards,
-        denominator=lambda i: _norm(i) + i.contact.upwards,
+        numerator=lambda i: _norm(i) - i.upward_force,
+        denominator=lambda i: _norm(i) + i.upward_force,
         square=lambda i: squared(_bank_angle(i)),
         divisor="level",
         upright=True,
@@ -106,7 +106,7 @@ GRAVITY_QUANTITIES = (
         component=Component(
             "bank angle of a coordinated turn, across the path; positive in left turns",
             numerator=_across,
-            denominator=lambda i: _norm(i) + i.contact.upwards,
+            denominator=lambda i: _norm(i) + i.upward_force,
             value=_bank_angle,
             divisor=UPRIGHT_FORCE,  # opposite to up, the angle is a half turn, and its sign is arbitrary
         ),

@@ -13,7 +13,7 @@ from qtraj.foundation import units
 from qtraj.path.frenet import Invariants
 from qtraj.path.product import Factor, Product
 from qtraj.path.product_vector import Basic
-from qtraj.path.vehicle import RoadParameters
+from qtraj.path.road_parameters import NO_VEHICLE, RoadParameters
 
 BASES = ("m", "s", "kg")
 KNOWN = (*BASES, "rad", *units.DERIVED)
@@ -84,7 +84,7 @@ def invariants_with(order: int, scales: tuple[float, ...]) -> Invariants:
     rows = [tuple(row * m / s**k for row in random.normal(size=(3, STATES))) for k in range(order + 1)]
     ones = np.ones(STATES)
     known = {name: 1.5 * ones * m**a * s**b * kg**c for name, (a, b, c) in PARAMETERS.items()}
-    road = RoadParameters(*[0.8 * ones] * len(RoadParameters._fields))._replace(**known)
+    road = RoadParameters(*[0.8 * ones] * len(NO_VEHICLE.numbers))._replace(**known)
     return Invariants(rows, None, road)
 
 

@@ -13,10 +13,11 @@ Formula = Callable[[Any], Any]
 """A function of `Invariants` of any numeric type."""
 
 
-LOAD, FORCE, UPRIGHT_FORCE = "load", "force", "upright force"
-"""Names of divisors: the load on the road, the specific force, and its norm across the path plus its part upwards.
+LOAD, FORCE, UPRIGHT_FORCE, ROAD_FRAME = "load", "force", "upright force", "road frame"
+"""Names of divisors: the load on the road, the specific force, its norm across the path plus its part upwards, and the
+component of the velocity normal to the axis of the road (see `RoadParameters`).
 
-The last one vanishes where the part of the specific force across the path is zero or points straight down.
+The third one vanishes where the part of the specific force across the path is zero or points straight down.
 """
 
 VEHICLE, INERTIA, PRINCIPAL, WHEELBASE = "vehicle", "inertia", "principal inertia", "wheelbase"
@@ -48,13 +49,13 @@ class PathQuantity:
 
     `order` is the order of the highest derivative in the formulas, and `upright` indicates whether they contain the
     vertical. The quantity exists where `divisor` is not zero: "speed" (|r'|), "cross_norm" (|r' × r''|), "level" (the
-    horizontal speed), "load" (the normal force on the road), "force" (the specific force) or "upright force" (see the
-    module). If `divisor` is None, the quantity exists everywhere. `square` is an equivalent form of the ratio for
-    floating-point numbers, used if numerator and denominator would overflow or lose digits. `output` is the name in
-    tables and datasets, if a vector already has the name of the quantity. `bounds_speed` indicates whether a limit on
-    the quantity also bounds the speed on every path. `infinite` indicates where the quantity is infinite although the
-    ratio is not. `of` names the frame whose motion the quantity describes, if another frame along the path has the same
-    quantity.
+    horizontal speed), "load" (the normal force on the road), "force" (the specific force), "upright force" or "road
+    frame" (see the module). If `divisor` is None, the quantity exists everywhere. `square` is an equivalent form of the
+    ratio for floating-point numbers, used if numerator and denominator would overflow or lose digits. `output` is the
+    name in tables and datasets, if a vector already has the name of the quantity. `bounds_speed` indicates whether a
+    limit on the quantity also bounds the speed on every path. `infinite` indicates where the quantity is infinite
+    although the ratio is not. `of` names the frame whose motion the quantity describes, if another frame along the path
+    has the same quantity.
 
     `needs` is empty for a quantity of the path alone. It is VEHICLE if the formulas use the forces of `contact`, and
     WHEELBASE if they use the wheelbase in `Invariants.vehicle`. It is PRINCIPAL if the quantity is `factor` times the
@@ -139,6 +140,12 @@ class PathQuantity:
     def uses_vehicle(self) -> bool:
         """Whether the value depends on a vehicle if there is one; a quantity that `needs` one is undefined without."""
         return bool(self.needs) or self.gravity
+
+    def in_world(self, vehicle: Any) -> bool:
+        """Return whether the formulas need world axes; `vehicle` contains the `RoadParameters`, or is None."""
+        if self.own is not None:
+            return self.own.world
+        return self.needs == VEHICLE and vehicle is not None and vehicle.axis is not None
 
     @property
     def of_shape(self) -> bool:

@@ -67,6 +67,11 @@ def has_upright_frame(i: Invariants, span: Numbers) -> Flags:
     return has_tangent(i, span) & is_significant(i.H, i.S)
 
 
+def has_road_frame(i: Invariants, span: Numbers) -> Flags:
+    """Return whether the frame of the road of the vehicle exists; without a direction, it is the upright frame."""
+    return has_upright_frame(i.on_road, span)
+
+
 def rotating_span(duration: Numbers, rate: Any) -> Numbers:
     """Return the span [s] of a path of this `duration` [s] in a basis that rotates at `rate` [rad/s].
 

@@ -21,18 +21,20 @@ Kind = Literal["linear", "step"]
 class Surface(NamedTuple):
     """The surface of a road at some distances; `bank` and `friction` are None if the road does not define them.
 
-    `side` is −1 where the road is above the vehicle, and otherwise 1.
+    `side` is −1 where the road is above the vehicle, and otherwise 1. `left` are unit vectors to the left, or the zero
+    vector where the road is level in the lateral direction; it is None if the road does not define it.
     """
 
     bank: Float[np.ndarray, "*n"] | None
     along: Float[np.ndarray, "*n"] | None
     across: Float[np.ndarray, "*n"] | None
     side: Float[np.ndarray, "*n"]
+    left: Float[np.ndarray, "*n 3"] | None = None
 
 
 @storable
 class Road(eqx.Module):
-    """The bank, the friction and the side of a road, as functions of the distance travelled from the start of the path.
+    """The bank, friction, side and direction of a road, as functions of the distance from the start of the path.
 
     A road belongs to a vehicle: `Vehicle(mass, road=Road(...))`. What the road does not define, the vehicle does.
 
@@ -42,8 +44,13 @@ class Road(eqx.Module):
 
     The grade is not part of a road: it is the slope of the path, so a path in the plane is level.
 
+    Without `left`, an unbanked road is level in the lateral direction, which is undefined where the path is vertical.
+    With `left`, its plane contains the path and, as nearly as possible, the vector `left`. On a vertical loop, `left`
+    is normal to the plane of the loop, so one road carries the vehicle through the whole loop: upright at the bottom,
+    upside down at the top.
+
     Args:
-        distance: (n,) [m], ascending, from 0.
+        distance: (n,) [m], ascending, from 0. By default only 0: the road is the same everywhere.
         bank: (n,) [rad], or one number: the rotation of the road about the direction of motion, positive if the left
             side is lower, as in a banked left turn (see `Vehicle`). By default that of the vehicle.
         friction: (n,) or (n, 2), or one number [-]: the coefficients of friction, along and across the vehicle if there
@@ -52,15 +59,21 @@ class Road(eqx.Module):
         inverted: (n,), or one value: whether the road is above the vehicle, as at the top of a loop. A value holds up
             to the next distance, whatever the `kind`. The direction of the load is then reversed: `normal_load` is
             positive where the road pushes the vehicle down.
+        left: (3,), or one vector or None for each of the n distances: the direction to the left of the vehicle in world
+            axes, of any length, which the road follows instead of the horizontal. A vector holds up to the next
+            distance, whatever the `kind`. The bank rotates the road from there. Forces are undefined where the path
+            runs along `left`.
 
     Raises:
         ValueError: For distances that do not start at 0 or do not increase, another number of values, a bank of a right
-            angle or more, a friction that is not positive, an unknown `kind`, and traced values.
+            angle or more, a friction that is not positive, a vector `left` that is zero, an unknown `kind`, and traced
+            values.
 
     Example:
         >>> ice = Road([0.0, 80.0, 95.0], friction=[0.8, 0.15, 0.8], kind="step")
         >>> ice.friction[1]
         (0.15, 0.15)
+        >>> loop = Road(left=(0, 1, 0))  # for a vertical loop in the plane of x and z
     """
 
     distance: tuple[float, ...] = eqx.field(static=True)
@@ -68,14 +81,16 @@ class Road(eqx.Module):
     friction: tuple[tuple[float, float], ...] | None = eqx.field(static=True)
     kind: str = eqx.field(static=True)
     inverted: tuple[bool, ...] | None = eqx.field(static=True)
+    left: tuple[tuple[float, ...], ...] | None = eqx.field(static=True)
 
     def __init__(
         self,
-        distance: ArrayInput,
+        distance: ArrayInput = (0.0,),
         bank: ArrayInput | None = None,
         friction: ArrayInput | None = None,
         kind: Kind = "linear",
         inverted: Any = None,
+        left: Any = None,
     ):
         if kind not in ("linear", "step"):
             raise ValueError(f"kind must be 'linear' or 'step', but {kind!r} was given")
@@ -92,22 +107,23 @@ class Road(eqx.Module):
             raise ValueError(
                 f"the distances of a road must ascend, but distance[{k}] = {at[k]:.9g} m follows {at[k - 1]:.9g} m"
             )
-        if bank is None and friction is None and inverted is None:
-            raise ValueError("a road defines at least one of bank, friction and inverted, but none was given")
+        if bank is None and friction is None and inverted is None and left is None:
+            raise ValueError("a road defines at least one of bank, friction, inverted and left, but none was given")
         self.kind, self.distance = kind, tuple(at.tolist())
         self.bank = None if bank is None else _banks(bank, at.size)
         self.friction = None if friction is None else _frictions(friction, at.size)
         self.inverted = None if inverted is None else _sides(inverted, at.size)
+        self.left = None if left is None else _directions(left, at.size)
 
     def __repr__(self) -> str:
-        known = [name for name in ("bank", "friction", "inverted") if getattr(self, name) is not None]
+        known = [name for name in ("bank", "friction", "inverted", "left") if getattr(self, name) is not None]
         place = f"{len(self.distance)} distances over {self.distance[-1]:.6g} m"
         return f"Road({', '.join(known)} at {place}, kind={self.kind!r})"
 
     @property
     def is_constant(self) -> bool:
         """Whether the road is the same everywhere."""
-        return all(x is None or len(set(x)) == 1 for x in (self.bank, self.friction, self.inverted))
+        return all(x is None or len(set(x)) == 1 for x in (self.bank, self.friction, self.inverted, self.left))
 
     def sections(self, s: Float[np.ndarray, "*m"]) -> np.ndarray:
         """Return the indices of the sections that contain the distances `s` [m]; the later one where they meet."""
@@ -121,10 +137,18 @@ class Road(eqx.Module):
         row = self.sections(s) if sections is None else sections
         side = np.ones(np.shape(row)) if self.inverted is None else np.where(np.array(self.inverted)[row], -1.0, 1.0)
         bank = None if self.bank is None else self._interpolated(np.array(self.bank), s, row)
+        left = None if self.left is None else self._units[row]
         if self.friction is None:
-            return Surface(bank, None, None, side)
+            return Surface(bank, None, None, side, left)
         along, across = (self._interpolated(x, s, row) for x in np.array(self.friction).T)
-        return Surface(bank, along, across, side)
+        return Surface(bank, along, across, side, left)
+
+    @property
+    def _units(self) -> Float[np.ndarray, "n 3"]:
+        """Return the unit vectors to the left, or zero vectors where the road is level in the lateral direction."""
+        given = np.array([x or (0.0, 0.0, 0.0) for x in self.left or ()])
+        scaled = given / np.where(given.any(axis=1), np.abs(given).max(axis=1), 1.0)[:, None]  # without overflow
+        return scaled / np.maximum(np.linalg.norm(scaled, axis=1), 1.0)[:, None]
 
     def steepest(self, values: Float[np.ndarray, " n"], sections: np.ndarray) -> np.ndarray:
         """Return the largest slope of the `values` at the distances, in sections and next to them."""
@@ -189,3 +213,26 @@ def _sides(given: Any, count: int) -> tuple[bool, ...]:
             "given"
         )
     return tuple(np.broadcast_to(values, count).tolist())
+
+
+def _directions(given: Any, count: int) -> tuple[tuple[float, ...], ...]:
+    """Return a vector for each distance, which is empty where the road is level in the lateral direction."""
+    rows: list[Any] = list(given) if np.iterable(given) else []
+    if rows and not any(x is None or np.ndim(x) for x in rows):  # one vector
+        rows = [given] * count
+    if len(rows) != count:
+        raise ValueError(
+            f"left must be one vector, or one vector or None for each of the {count} distances, but {described(given)} "
+            "was given"
+        )
+    return tuple(() if x is None or np.size(x) == 0 else _direction(x) for x in rows)
+
+
+def _direction(given: Any) -> tuple[float, ...]:
+    vector = _numbers(given, "left", "-")
+    if vector.shape != (3,) or not vector.any():
+        raise ValueError(
+            "left must be a vector of three components that are not all zero, such as (0, 1, 0), but "
+            f"{described(given)} was given"
+        )
+    return tuple(vector.tolist())

@@ -19,7 +19,8 @@ from qtraj.path.chords import chord_gaps
 from qtraj.path.distances import Distances, distances
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.road import Road
-from qtraj.path.vehicle import RoadParameters, Vehicle, fixed_parameters
+from qtraj.path.road_parameters import RoadParameters
+from qtraj.path.vehicle import Vehicle, fixed_parameters
 
 BEYOND = 8
 """An interval may extend beyond the ends of its section by less than this multiple of the uncertainty."""
@@ -92,7 +93,12 @@ class RoadOnPath:
     def at_distances(self, s: Float[np.ndarray, "*n"], sections: np.ndarray | None = None) -> RoadParameters:
         """Return the parameters at distances [m]; by default in the sections that contain them."""
         found = self.vehicle.parameters(np.float64, self.road.at(s, sections))
-        return RoadParameters(*(np.broadcast_to(np.asarray(x, float), np.shape(s)) for x in found))
+        return found.each(lambda x: np.broadcast_to(np.asarray(x, float), np.shape(s)))
+
+    def banks(self, s: Float[np.ndarray, "*n"], sections: np.ndarray) -> Float[np.ndarray, "*n"]:
+        """Return the banks [rad] at distances [m] in sections."""
+        bank: Any = self.vehicle.bank if self.road.bank is None else self.road.at(s, sections).bank
+        return np.broadcast_to(np.asarray(bank, float), np.shape(s))
 
     def cut(self, low: Float[np.ndarray, " n"], high: Float[np.ndarray, " n"]) -> Cut:
         """Return the parts of intervals in each section; sections overlap by the uncertainty of the distance."""

@@ -5,7 +5,7 @@ from typing import Any
 from qtraj.algebra.cpu import inverse_root
 from qtraj.foundation.namespace import xp
 from qtraj.path import contact
-from qtraj.path.path_quantity import LOAD, VEHICLE, Component, PathQuantity, ratio, squared
+from qtraj.path.path_quantity import LOAD, ROAD_FRAME, VEHICLE, Component, PathQuantity, ratio, squared
 
 
 def _friction_square(i: Any) -> Any:
@@ -14,18 +14,23 @@ def _friction_square(i: Any) -> Any:
     It is infinite where the normal load is negative, or is zero although a force acts in the plane of the road.
     """
     load = i.contact.onto
-    # On a vertical path the load is zero, so any force along the path makes the friction demand infinite.
-    numerator = xp.where(i.H > 0, contact.friction_numerator(i), squared(i.contact.along))
+    # Where the frame of the road is undefined, as on a vertical path, the load is zero, so any force along the path
+    # makes the friction demand infinite.
+    numerator = xp.where(i.contact.level_square > 0, contact.friction_numerator(i), squared(i.contact.along))
     return xp.where(load < 0, xp.inf, ratio(numerator, squared(xp.where(load < 0, 1.0, load))))
 
 
 def _normal_load(i: Any) -> Any:
-    return i.vehicle.mass * (i.contact.onto * (inverse_root(i.S) * inverse_root(i.H)))
+    return i.vehicle.mass * (i.contact.onto * (inverse_root(i.S) * _inverse_level(i)))
+
+
+def _inverse_level(i: Any) -> Any:
+    return inverse_root(i.contact.level_square)
 
 
 def _power(i: Any) -> Any:
     p = i.vehicle
-    return i.pace * (p.mass * (i.contact.along + p.rolling * (i.contact.onto * inverse_root(i.H))))
+    return i.pace * (p.mass * (i.contact.along + p.rolling * (i.contact.onto * _inverse_level(i))))
 
 
 ROAD_QUANTITIES = (
@@ -57,8 +62,8 @@ ROAD_QUANTITIES = (
         2,
         "magnitude of the lateral force in the plane of the road",
         numerator=lambda i: i.vehicle.mass * (i.vehicle.mass * squared(i.contact.across)),
-        denominator=lambda i: i.S * i.H,
-        divisor="level",
+        denominator=lambda i: i.S * i.contact.level_square,
+        divisor=ROAD_FRAME,
         upright=True,
         bounds_speed=True,
         needs=VEHICLE,
@@ -67,8 +72,8 @@ ROAD_QUANTITIES = (
         component=Component(
             "lateral force in the plane of the road; positive to the left",
             numerator=lambda i: i.vehicle.mass * i.contact.across,
-            denominator=lambda i: i.v * i.h,
-            value=lambda i: i.vehicle.mass * (i.contact.across * (inverse_root(i.S) * inverse_root(i.H))),
+            denominator=lambda i: i.v * i.contact.level,
+            value=lambda i: i.vehicle.mass * (i.contact.across * (inverse_root(i.S) * _inverse_level(i))),
         ),
     ),
     PathQuantity(
@@ -78,8 +83,8 @@ ROAD_QUANTITIES = (
         2,
         "force of the road on the vehicle, normal to the road; negative where the road would have to pull",
         numerator=lambda i: i.vehicle.mass * i.contact.onto,
-        denominator=lambda i: i.v * i.h,
-        divisor="level",
+        denominator=lambda i: i.v * i.contact.level,
+        divisor=ROAD_FRAME,
         upright=True,
         signed=_normal_load,
         needs=VEHICLE,
@@ -108,8 +113,8 @@ ROAD_QUANTITIES = (
         2,
         "drive power, against inertia, gravity, drag and rolling resistance; negative while braking",
         numerator=contact.power_numerator,
-        denominator=lambda i: i.h,
-        divisor="level",
+        denominator=lambda i: i.contact.level,
+        divisor=ROAD_FRAME,
         upright=True,
         signed=_power,
         needs=VEHICLE,

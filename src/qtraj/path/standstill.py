@@ -34,17 +34,19 @@ def driven_invariants(
 
     `up` is the vertical; None means the third axis. At a stop the pace is 0, and the velocity is replaced by a vector
     in the direction of the motion after the stop. At the end of the path, the direction of the motion before the stop
-    is used instead. If all derivatives are zero, as for a parked vehicle, the vector is horizontal.
+    is used instead. If all derivatives are zero, as for a parked vehicle, the vector is horizontal, and normal to the
+    axis of a road that has another one than the vertical.
     """
     zero = xp.zeros_like(rows[0][0])
     rows = [filled(row, zero) for row in rows]
     moving = has_tangent(Invariants(rows, up), span)
-    direction, pace = _direction(rows, up, t, duration), xp.where(moving, 1.0, 0.0).astype(zero.dtype)
+    axis = None if vehicle is None else vehicle.axis
+    direction, pace = _direction(rows, up, axis, t, duration), xp.where(moving, 1.0, 0.0).astype(zero.dtype)
     rows = [rows[0], select(moving, rows[1], direction), *rows[2:]]
     return Invariants(rows, up, vehicle, root, pace)
 
 
-def _direction(rows: list[Triple], up: Triple | None, t: Array, duration: Array) -> Triple:
+def _direction(rows: list[Triple], up: Triple | None, axis: Any, t: Array, duration: Array) -> Triple:
     """Return a vector in the direction of motion at a stop.
 
     The vector is the first derivative of order 2 or higher that differs significantly from zero. If `t` is the end of
@@ -53,7 +55,8 @@ def _direction(rows: list[Triple], up: Triple | None, t: Array, duration: Array)
     at_end = t >= duration * (1 - DEFINED_TOLERANCE * float(xp.finfo(rows[0][0].dtype).eps))
     backwards = xp.where(at_end, -1.0, 1.0).astype(rows[0][0].dtype)
     squares = [dot(row, row) for row in rows[2:]]
-    found, reference = _horizontal(rows[0][0], up), xp.zeros_like(squares[0])
+    found = _horizontal(rows[0][0], up) if axis is None else _across(axis, rows[0][0])
+    reference = xp.zeros_like(squares[0])
     for k in reversed(range(len(squares))):
         reference = squares[k] + duration**2 * reference
         # Before a stop, the motion is opposite to the first nonzero derivative if the order of this derivative is even.
@@ -69,3 +72,10 @@ def _horizontal(like: Array, up: Triple | None) -> Triple:
     if up is None:
         return one, zero, zero
     return select(up[0] ** 2 + up[1] ** 2 > 0.5, (-up[1], up[0], zero), (up[2] + zero, zero, -up[0] + zero))
+
+
+def _across(axis: Triple, like: Array) -> Triple:
+    """Return a horizontal vector to the right of the `axis`, in world axes; the first axis if the axis is vertical."""
+    x, y, _ = axis
+    zero, one = xp.zeros_like(like + x), xp.ones_like(like + x)
+    return select(x * x + y * y + zero > 0, (y + zero, -x + zero, zero), (one, zero, zero))

@@ -17,19 +17,19 @@ from qtraj.path.path_quantity import PathQuantity
 from qtraj.path.placement import Placement
 from qtraj.path.quantity import quantity
 from qtraj.path.regularity import rotating_span
+from qtraj.path.road_parameters import NO_VEHICLE, RoadParameters
 from qtraj.path.standstill import ORDER as STANDSTILL_ORDER, driven_invariants
-from qtraj.path.vehicle import NO_VEHICLE, RoadParameters
 
 
 def invariants_at(
-    path: AbstractHodograph, t: ScalarLike, order: int, vehicle: RoadParameters | None = None
+    path: AbstractHodograph, t: ScalarLike, order: int, vehicle: RoadParameters | None = None, world: bool = False
 ) -> Invariants:
     """Return the invariants of the derivatives up to `order` at `t` [s], in the moving basis of the path if it has one.
 
-    Instants `t` (n,) are accepted for paths that support NumPy.
+    Instants `t` (n,) are accepted for paths that support NumPy. With `world`, the derivatives are in world axes.
     With a `vehicle`, the invariants are also defined at a standstill; for this, derivatives up to order 4 are used.
     """
-    rows, up, span = _derivatives(path, t, order if vehicle is None else max(order, STANDSTILL_ORDER))
+    rows, up, span = _derivatives(path, t, order if vehicle is None else max(order, STANDSTILL_ORDER), world)
     return Invariants(rows, up) if vehicle is None else _driven(path, t, rows, up, span, vehicle)
 
 
@@ -74,18 +74,14 @@ def _invariants_of(
     entry: PathQuantity, path: AbstractHodograph, t: ScalarLike, vehicle: RoadParameters | None
 ) -> Invariants:
     """Return the invariants from which a quantity is computed."""
-    order = max(entry.order, 1)
+    order, world = max(entry.order, 1), entry.in_world(vehicle)
     if entry.gravity:
-        return invariants_at(path, t, order, NO_VEHICLE if vehicle is None else vehicle)
-    if _in_world(entry):
+        return invariants_at(path, t, order, NO_VEHICLE if vehicle is None else vehicle, world)
+    if world:
         return Invariants(_derivatives(path, t, order, world=True)[0], None, vehicle)
     found = invariants_at(path, t, order)
     found.vehicle = vehicle
     return found
-
-
-def _in_world(entry: PathQuantity) -> bool:
-    return entry.own is not None and entry.own.world
 
 
 def values(
@@ -98,15 +94,14 @@ def values(
 @in_numpy_or_jit
 def _values(path: AbstractHodograph, t: Any, names: tuple[str, ...], vehicle: Any) -> list[Scalar]:
     entries = [quantity(name) for name in names]
-    on_road = any(entry.gravity for entry in entries)
-    order = max(STANDSTILL_ORDER if on_road else 1, *(entry.order for entry in entries), 1)
-    rows, up, span = _derivatives(path, t, order)
-    free = Invariants(rows, up, vehicle)
-    driven = _driven(path, t, rows, up, span, vehicle) if on_road else free
-    world = free
-    if any(map(_in_world, entries)):
-        world = Invariants(_derivatives(path, t, order, world=True)[0], None, vehicle)
-    of = lambda x: driven if x.gravity else world if _in_world(x) else free  # noqa: E731
+    order = max(STANDSTILL_ORDER if any(entry.gravity for entry in entries) else 1, *(x.order for x in entries), 1)
+    known = {world: _derivatives(path, t, order, world) for world in {entry.in_world(vehicle) for entry in entries}}
+    invariants = {}
+    for gravity, world in {(entry.gravity, entry.in_world(vehicle)) for entry in entries}:
+        rows, up, span = known[world]
+        found = _driven(path, t, rows, up, span, vehicle) if gravity else Invariants(rows, up, vehicle)
+        invariants[gravity, world] = found
+    of = lambda x: invariants[x.gravity, x.in_world(vehicle)]  # noqa: E731
     found = [entry.scale(vehicle) * entry.value(of(entry)) for entry in entries]
     return [xp.asarray(x, path.duration.dtype) for x in found]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -18,41 +18,14 @@ from qtraj.foundation.shown import shown, shown_html
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.path_quantity import INERTIA, PARAMETERS, PRINCIPAL, VEHICLE, WHEELBASE
 from qtraj.path.road import MAX_BANK, Road, Surface
+from qtraj.path.road_parameters import GRAVITY, NO_VEHICLE, RoadParameters, about_left
 from qtraj.path.vehicle_fields import friction_field, not_negative_field, require_road, scalar_field
 from qtraj.path.vehicle_inertia import inertia_in_frame, principal_moments
 
-GRAVITY, AIR_DENSITY = 9.80665, 1.225
-"""Standard gravity [m/s²], and the density of air at sea level in the International Standard Atmosphere [kg/m³]."""
+AIR_DENSITY = 1.225
+"""The density of air [kg/m³] at sea level in the International Standard Atmosphere."""
 
 Number = Float[Array, "*batch"]
-
-
-class RoadParameters(NamedTuple):
-    """The parameters of a vehicle and its road in the formulas of path quantities, of any numeric type.
-
-    `mass` is in kg, `gravity` in m/s², and `rolling` is the coefficient of rolling resistance. `drag` is ½ρC_dA/m
-    [1/m], with the air density ρ, the drag area C_dA and the mass m; at the speed v, air drag causes the deceleration
-    drag·v². `cos` and `sin` are the cosine and sine of the bank angle. `inv_long` and `inv_lat` are the inverses of the
-    coefficients of friction. `inertia_tangent` and `inertia_binormal` [kg m²] are the moments of inertia about the
-    first axis τ and the third axis b of the frame; both are zero without an inertia, and NaN if the axes τ, n and b of
-    the frame are not principal axes. `wheelbase` is in m, and zero without one.
-    """
-
-    mass: Any
-    gravity: Any
-    drag: Any
-    rolling: Any
-    cos: Any
-    sin: Any
-    inv_long: Any
-    inv_lat: Any
-    inertia_tangent: Any
-    inertia_binormal: Any
-    wheelbase: Any = 0.0
-
-
-NO_VEHICLE = RoadParameters(1.0, GRAVITY, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0, 0.0)
-"""Parameters for formulas that do not depend on the vehicle."""
 
 
 @storable
@@ -76,7 +49,8 @@ class Vehicle(eqx.Module):
     - `air_density` ρ [kg/m³].
     - `gravity` g [m/s²], along −z of the world.
     - `wheelbase` [m]: the distance of the axles, for the steering angle and its rate; None if it is not known.
-    - `road`: a `Road`, whose bank and friction change along the way, instead of `bank` and `friction`.
+    - `road`: a `Road`, whose bank and friction change along the way, instead of `bank` and `friction`, or which has
+      another direction than the horizontal, as on a vertical loop.
 
     All fields except `road` are arrays, so a different vehicle does not cause a recompilation. Fields with a batch
     dimension, created by `jax.vmap`, represent one vehicle for each path of a batch.
@@ -144,6 +118,11 @@ class Vehicle(eqx.Module):
         """Whether bank, friction or side of the road change along the way."""
         return self.road is not None and not self.road.is_constant
 
+    @property
+    def has_left(self) -> bool:
+        """Whether the road has a direction to the left, instead of being level in the lateral direction."""
+        return self.road is not None and self.road.left is not None
+
     def parameters(self, dtype: Any = None, surface: Surface | None = None) -> RoadParameters:
         """Return the parameters of the formulas, (*batch) each, as NumPy arrays or, inside a trace, as JAX arrays.
 
@@ -153,7 +132,7 @@ class Vehicle(eqx.Module):
         """
         surface = self._surface("this function") if surface is None else surface
         bank = self.bank if surface is None or surface.bank is None else surface.bank
-        friction, side = self.friction, 1.0 if surface is None else surface.side
+        friction, side, axis = self.friction, 1.0 if surface is None else surface.side, ()
         fields = (self.mass, self.gravity, self.drag_area, self.air_density, self.rolling_resistance, bank)
         known = (*fields, friction, self.inertia, self.wheelbase)
         is_concrete = all(concrete(x) is not None for x in known if x is not None)
@@ -171,11 +150,13 @@ class Vehicle(eqx.Module):
         if surface is not None:
             side = module.asarray(side, dtype)
             cos, sin = side * cos, side * sin
+            if surface.left is not None:
+                cos, sin, axis = about_left(cos, sin, module.asarray(surface.left, dtype), module)
             if surface.along is not None:
                 along, across = (1 / module.asarray(x, dtype) for x in (surface.along, surface.across))
         wheelbase = module.zeros_like(mass) if self.wheelbase is None else module.asarray(self.wheelbase, dtype)
         moments = about_tangent, about_binormal
-        return RoadParameters(mass, gravity, drag, rolling, cos, sin, along, across, *moments, wheelbase)
+        return RoadParameters(mass, gravity, drag, rolling, cos, sin, along, across, *moments, wheelbase, *axis)
 
     def inertia_in_frame(self) -> Float[Array, "*batch 3 3"]:
         """Return the inertia tensor in the axes of the frame, in which the bank rolls the vehicle about the first axis.
@@ -208,8 +189,10 @@ def fixed_parameters(vehicle: Vehicle | None, dtype: Any = None, strict: bool = 
         return NO_VEHICLE if vehicle is None else vehicle.parameters(dtype)
     road: Any = vehicle.road
     start, nan = road.at(np.zeros(())), np.full((), np.nan)
-    same = [x is None or len(set(x)) == 1 for x in (road.bank, road.friction, road.friction, road.inverted)]
-    return vehicle.parameters(dtype, Surface(*(x if keeps else nan for x, keeps in zip(start, same, strict=True))))
+    same = [x is None or len(set(x)) == 1 for x in (road.bank, road.friction, road.friction, road.inverted, road.left)]
+    left = None if road.left is None else start.left if same[-1] else np.full(3, np.nan)
+    known = [x if keeps else nan for x, keeps in zip(start[:4], same[:4], strict=True)]
+    return vehicle.parameters(dtype, Surface(*known)._replace(left=left))
 
 
 def require_vehicle(vehicle: Vehicle | None, what: str) -> Vehicle:

@@ -31,6 +31,7 @@ _ROAD: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "bank": ("rad", "bank angle of the road, positive if the left side is lower", ("road_point",)),
     "friction": ("1", "coefficients of friction, along and across the vehicle", ("road_point", "friction_axis")),
     "inverted": ("1", "whether the road is above the vehicle", ("road_point",)),
+    "left": ("1", "direction to the left of the vehicle; zero where the road is level across", ("road_point", "world")),
 }
 """The same for a road that changes along the way."""
 
@@ -44,6 +45,8 @@ def vehicle_quantities(vehicle: Vehicle | None) -> dict[str, Quantity]:
     if vehicle is None or vehicle.road is None:
         return found
     of_road = {name: getattr(vehicle.road, name) for name in _ROAD}
+    if of_road["left"] is not None:
+        of_road["left"] = [x or (0.0, 0.0, 0.0) for x in of_road["left"]]
     found |= {_OF_ROAD + name: Quantity(np.array(x), *_ROAD[name]) for name, x in of_road.items() if x is not None}
     steps = Quantity(np.array(vehicle.road.kind == "step"), "1", "whether the road changes in steps, not linearly")
     return found | {_OF_ROAD + "steps": steps}
@@ -61,6 +64,8 @@ def _road_from(variables: Mapping[Any, Any]) -> Road | None:
         return None
     if "inverted" in values:
         values["inverted"] = values["inverted"].astype(bool)
+    if "left" in values:
+        values["left"] = [x if x.any() else None for x in values["left"]]
     return Road(**values, kind="step" if np.asarray(variables[_OF_ROAD + "steps"]) else "linear")
 
 

@@ -9,7 +9,8 @@ from pydantic import Field
 from qtraj.io.road_file import read_road
 from qtraj.path.path_quantity import INERTIA, PRINCIPAL, WHEELBASE
 from qtraj.path.road import Road
-from qtraj.path.vehicle import AIR_DENSITY, GRAVITY, MAX_BANK, Vehicle, require
+from qtraj.path.road_parameters import GRAVITY
+from qtraj.path.vehicle import AIR_DENSITY, MAX_BANK, Vehicle, require
 from qtraj.scenario import keys
 from qtraj.scenario.keys import Part, key
 
@@ -18,7 +19,7 @@ Beside = Callable[[str], Path]
 
 
 class RoadPart(Part):
-    """Bank and friction by the distance along the path: in the scenario or in a file, instead of those of the vehicle.
+    """Bank, friction and direction of the road by the distance along the path: in the scenario or in a file.
 
     The file is a table with a header: the columns distance, bank, friction (or friction_along and friction_across) and
     inverted, as far as they exist. Units may be in their names, such as bank_deg.
@@ -41,6 +42,11 @@ class RoadPart(Part):
     inverted: list[bool] | None = key(
         "whether the road is above the vehicle, from each distance on, as in a loop", None, values="true or false"
     )
+    left: list[keys.Number] | list[list[keys.Number]] | None = key(
+        "direction to the left of the vehicle, which the road follows instead of the horizontal, as on a vertical loop",
+        None,
+        values="three numbers, or three for each distance (none where the road is level)",
+    )
     kind: Literal["linear", "step"] = key("linear between the distances, or in steps", "linear")
 
     def road(self, beside: Beside) -> Road:
@@ -50,13 +56,14 @@ class RoadPart(Part):
     def table(self) -> Road:
         """Return the road that is in the scenario."""
         pairs = self.friction and [x if isinstance(x, list) else [x, x] for x in self.friction]
-        return Road(self.distance or [], self.bank, pairs, self.kind, self.inverted)
+        distance = [0.0] if self.distance is None else self.distance
+        return Road(distance, self.bank, pairs, self.kind, self.inverted, self.left)
 
     def _faults(self) -> Iterator[str]:
-        named = self.given("distance", "bank", "friction", "inverted")
+        named = self.given("distance", "bank", "friction", "inverted", "left")
         if self.file is not None and named:
             yield f"file and {named[0]} are both specified: specify one of them"
-        if self.file is None and self.distance is None:
+        if self.file is None and self.distance is None and (self.left is None or len(named) > 1):
             yield "a road needs 'distance', or 'file'"
         if self.file is None:
             self.table()

@@ -13,9 +13,9 @@ from qtraj.design.proof.standing import ZERO
 from qtraj.path.frenet import Invariants
 from qtraj.path.own_facts import OwnFacts
 from qtraj.path.path_quantity import PathQuantity
+from qtraj.path.road_parameters import RoadParameters
 from qtraj.path.standstill import ORDER, driven_invariants
 from qtraj.path.stops import Segments
-from qtraj.path.vehicle import RoadParameters
 
 
 def at_rest(
@@ -41,7 +41,7 @@ def _values(entry: PathQuantity, segments: Segments, road: RoadParameters | None
     zero: Any = np.zeros(())
     if road is not None and entry.gravity:
         one: Any = np.ones(())
-        own_road = RoadParameters(*(np.broadcast_to(np.asarray(x), len(segments.durations))[rows] for x in road))
+        own_road = road.each(lambda x: np.broadcast_to(np.asarray(x), len(segments.durations))[rows])
         forces = driven_invariants([(zero, zero, zero)] * (ORDER + 1), None, own_road, zero, one, one)
         return np.zeros(rows.size) + np.asarray(entry.value(forces))
     own = entry.own

@@ -31,10 +31,10 @@ from qtraj.foundation.arrays import as_float, constants, is_traced
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.hodograph import AbstractHodograph, require_path
 from qtraj.path.quantity import quantity
+from qtraj.path.road_parameters import RoadParameters
 from qtraj.path.route import Route
 from qtraj.path.shape import Shape
 from qtraj.path.spiral_helix import SpiralHelix
-from qtraj.path.vehicle import RoadParameters
 
 BLOCK_SIZE = 512
 """Number of paths that are judged together; their data fits into the processor's cache."""
@@ -83,8 +83,8 @@ def certify(
       and for quantities that depend on the vertical if the axis of the path is not vertical.
 
     For the path of `retime`, limits that depend on the timing are proved as in `retime`, and limits on quantities of
-    the shape, such as the curvature, are proved on its original path. All other limits, such as those on forces,
-    moments and the rates of accelerations, are sampled.
+    the shape, such as the curvature, are proved on its original path. All other limits, such as those on lateral
+    forces, moments and the rates of accelerations, are sampled.
 
     For a batch of paths, each limit is a scalar or has the batch shape, and the certificate has this batch shape, too.
     Under `jit` and `vmap` the arrays of the certificate are available, but not its texts; the proof runs on the host.
@@ -154,7 +154,7 @@ def _certify(path: AbstractHodograph, limits: Limits) -> Certificate:
         raise ValueError(f"every array of a batch of paths must have the leading shape {batch}: {advice}")
     limits.require_batch(batch, "the paths" if batch else "the path")
     bounds = _in_batch(limits.constant().values(), batch)
-    road = _in_batch(limits.road(float) if limits.uses_vehicle else (), batch)
+    road = _in_batch(limits.road(float).numbers if limits.uses_vehicle else (), batch)
     factors = _in_batch(factors_of(limits, float), batch)
     # Outside jit and vmap, the values of differentiated arrays are known, so the proof is not traced.
     constant, *numbers = constants((arrays, bounds, factors, road))
@@ -177,7 +177,8 @@ def _findings(path: AbstractHodograph, names: tuple[str, ...], numbers: list[Any
     arrays = polynomial_arrays(path)
     if arrays is None:
         return _of_source(curve_source(path), names, numbers, batch)
-    in_world = np.array([(own := quantity(name).own) is not None and own.world for name in names])
+    road = _road(numbers[2])
+    in_world = np.array([quantity(name).in_world(road) for name in names])
     if in_world.any():  # x, y and the position are not polynomials in the moving basis
         return _with_world(path, names, numbers, batch, in_world)
     if not is_traced(arrays, numbers):
@@ -231,4 +232,10 @@ def _on_host(names: tuple[str, ...], *arrays: Any) -> Findings:
 
 def _judged(source: Source, names: tuple[str, ...], bounds: Any, factors: Any, road: Any) -> Findings:
     limits = [Limit(quantity(name), bounds[:, k], factors[:, k]) for k, name in enumerate(names)]
-    return judge(source, limits, RoadParameters(*road.T) if road.shape[1] else None)
+    return judge(source, limits, _road(road))
+
+
+def _road(numbers: Any) -> RoadParameters | None:
+    """Return the parameters of a vehicle whose numbers are along the last axis, or None if there are none."""
+    count = numbers.shape[-1]
+    return RoadParameters(*(numbers[..., k] for k in range(count))) if count else None

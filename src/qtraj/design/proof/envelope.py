@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from qtraj.path.road_parameters import RoadParameters
 from qtraj.path.values import value
-from qtraj.path.vehicle import RoadParameters
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0, 1))

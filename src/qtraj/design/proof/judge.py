@@ -34,7 +34,7 @@ from qtraj.design.proof.speed_maxima import compared_at, nearest_to_limit
 from qtraj.foundation.namespace import xp
 from qtraj.path.frenet import Invariants
 from qtraj.path.path_quantity import PathQuantity
-from qtraj.path.vehicle import RoadParameters
+from qtraj.path.road_parameters import RoadParameters
 
 GRID, FINE_GRID, FINEST_GRID = (np.linspace(0.0, 1.0, intervals + 1) for intervals in (96, 960, 1152))
 """The instants at which quantities are sampled. The first grid is for most quantities. Quantities with the divisor
@@ -96,7 +96,8 @@ class _Task:
 
     def _provable(self, entry: PathQuantity) -> np.ndarray:
         """Return for which paths limits on a quantity can be proved."""
-        provable = self.source.provable(entry.upright)
+        has_axes = self.source.in_world or not entry.in_world(self.vehicle)
+        provable = self.source.provable(entry.upright) & has_axes
         own = entry.own
         return provable if own is None else provable & (own.formula is not None and self.source.proves(own))
 
@@ -210,8 +211,7 @@ class _Task:
         if k not in self._exact:
             derivatives, vehicle = self.source.exact(k, self.order), None
             if self.vehicle is not None:
-                start: Any = RoadParameters(*(x[k] for x in self.vehicle))
-                end = self.end and RoadParameters(*(x[k] for x in self.end))
+                start, end = self.vehicle.each(lambda x: x[k]), self.end and self.end.each(lambda x: x[k])
                 vehicle = units.constants(start, ExactPolynomial.of, end, ExactPolynomial([0, 1]))
                 unit = units.unit_of_time(self.source, derivatives.span, k)
                 vehicle = vehicle._replace(gravity=units.times_power(vehicle.gravity, unit, 2))

@@ -20,12 +20,12 @@ from qtraj.algebra.surd import Claim, Surd
 from qtraj.design.proof import speed_claims
 from qtraj.design.proof.sources import Derivatives
 from qtraj.foundation.namespace import xp
-from qtraj.path.contact import Contact
+from qtraj.path.contact import Contact, upward_force
 from qtraj.path.formula import evaluated
 from qtraj.path.frenet import Invariants
 from qtraj.path.gravity_quantities import bank_divisor, force_divisor
 from qtraj.path.own_facts import Guard
-from qtraj.path.path_quantity import FORCE, LOAD, UPRIGHT_FORCE, PathQuantity
+from qtraj.path.path_quantity import FORCE, LOAD, ROAD_FRAME, UPRIGHT_FORCE, VEHICLE, PathQuantity
 from qtraj.path.regularity import cross_norm_squares
 
 MIN_RELATIVE_DIVISOR = 1e-9
@@ -37,10 +37,10 @@ The speed is compared with the largest speed of the path, and the other divisors
 DIVISORS = {"speed": "S", "cross_norm": "N", "level": "H"}
 """The invariants that are the squares of divisors; the load on the road has a formula instead."""
 
-DIVISOR_ORDER = {"speed": 1, "cross_norm": 2, "level": 1, LOAD: 2, FORCE: 2, UPRIGHT_FORCE: 2}
+DIVISOR_ORDER = {"speed": 1, "cross_norm": 2, "level": 1, LOAD: 2, FORCE: 2, UPRIGHT_FORCE: 2, ROAD_FRAME: 1}
 """The order of the highest derivative that is needed for each divisor and for its relative size."""
 
-UPRIGHT_DIVISORS = ("level", LOAD, FORCE, UPRIGHT_FORCE)
+UPRIGHT_DIVISORS = ("level", LOAD, FORCE, UPRIGHT_FORCE, ROAD_FRAME)
 """The divisors that depend on the vertical."""
 
 
@@ -87,8 +87,9 @@ class RoadInvariants:
 
     def __init__(self, i: Invariants):
         squares = i.S, i.H
-        for name in ("S", "H", "B", "P", "V", "W"):
+        for name in ("S", "H", "B", "P", "V", "W", "plumb_ahead", "plumb_above"):
             setattr(self, name, Surd((getattr(i, name), 0, 0, 0), squares))
+        self.plumb, self.plumb_aside = i.plumb, Surd((i.plumb_aside, 0, 0, 0), squares)
         self._rational = i
         self.v, self.h = Surd((0, 1, 0, 0), squares), Surd((0, 0, 1, 0), squares)
         self.pace = i.pace if is_one(i.pace) else Surd((i.pace, 0, 0, 0), squares)
@@ -104,6 +105,11 @@ class RoadInvariants:
     def Q(self) -> Surd:  # noqa: N802
         """The squared horizontal acceleration."""
         return Surd((self._rational.Q, 0, 0, 0), (self._rational.S, self._rational.H))
+
+    @cached_property
+    def upward_force(self) -> Any:
+        """The specific force along the third axis of the frame, times v√H."""
+        return upward_force(self)
 
     def root(self, square: Surd) -> Surd:
         """Return the root of a square without roots."""
@@ -128,18 +134,23 @@ class Formulas:
         if not is_one(self.span):
             self._squared_span = constant(self.span) * constant(self.span)
         self.invariants = RootedInvariants(derivatives, vehicle, constant)
-        self._road: RoadInvariants | None = None
 
-    @property
+    @cached_property
+    def upright(self) -> RoadInvariants:
+        """The invariants for quantities that contain gravity."""
+        return RoadInvariants(self.invariants)
+
+    @cached_property
     def road(self) -> RoadInvariants:
-        """The invariants for quantities that depend on the road."""
-        if self._road is None:
-            self._road = RoadInvariants(self.invariants)
-        return self._road
+        """The invariants for forces, about the axis of the road."""
+        own = self.invariants.on_road
+        return self.upright if own is self.invariants else RoadInvariants(own)
 
     def within(self, entry: PathQuantity, bound: Bound) -> AnyClaim:
         """Return the claim that a quantity satisfies its limit."""
-        i: Any = self.road if entry.gravity else self.invariants
+        i: Any = self.invariants
+        if entry.gravity:
+            i = self.road if entry.needs == VEHICLE else self.upright
         if bound.constant is not None:
             along, across, square = map(self._in_fraction, (i.B, i.N, i.S))
             speed = square if is_one(i.pace) else self._in_fraction(i.pace * i.pace * i.S)
@@ -163,7 +174,7 @@ class Formulas:
         if name == LOAD:
             return self._claim(self.road.contact.onto)
         if name == UPRIGHT_FORCE:
-            return self._claim(bank_divisor(self.road)[0])
+            return self._claim(bank_divisor(self.upright)[0])
         square, scale = sizes(name, self.invariants, fastest, self._squared_span)
         return self._claim(square - self._threshold * scale)
 
@@ -209,7 +220,12 @@ def sizes(name: str, i: Any, fastest: Any, span: Any = 1) -> tuple[Any, Any]:
         return mul(span, i.S), fastest
     if name in (FORCE, UPRIGHT_FORCE):
         return (force_divisor if name == FORCE else bank_divisor)(i)
-    return cross_norm_squares(i, span) if name == "cross_norm" else (i.H, i.S)
+    return cross_norm_squares(i, span) if name == "cross_norm" else (_level_square(name, i), i.S)
+
+
+def _level_square(name: str, i: Any) -> Any:
+    """Return the square of the horizontal speed, or of the component of the velocity normal to the axis of the road."""
+    return i.on_road.H if name == ROAD_FRAME else i.H
 
 
 def relative_sizes(name: str, i: Any, fastest: np.ndarray) -> np.ndarray:
@@ -218,5 +234,5 @@ def relative_sizes(name: str, i: Any, fastest: np.ndarray) -> np.ndarray:
         square, scale = sizes(name, i, fastest)
         return xp.where(scale > 0, square / xp.where(scale > 0, scale, 1.0), 0.0)
     p, load = i.vehicle, xp.maximum(i.contact.onto, 0.0)
-    largest = 2 * (i.A + p.gravity * p.gravity) * (i.S * i.H)
+    largest = 2 * (i.A + p.gravity * p.gravity) * (i.S * i.on_road.H)
     return xp.where(largest > 0, load * load / xp.where(largest > 0, largest, 1.0), 0.0)

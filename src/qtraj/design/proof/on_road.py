@@ -25,8 +25,8 @@ from qtraj.design.proof.route_segments import RANK
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.path_quantity import PathQuantity
 from qtraj.path.road_on_path import CORNERS, RoadOnPath
+from qtraj.path.road_parameters import RoadParameters
 from qtraj.path.values import invariants_at
-from qtraj.path.vehicle import RoadParameters
 
 HALVINGS, MOST = 12, 2**13
 """Pieces are halved at most `HALVINGS` times, as long as there are at most `MOST` of them."""
@@ -109,7 +109,7 @@ class OnRoad:
         task = _Limited(limit, segment, low, np.minimum(high, last))
         pieces = _Pieces(*self.on.cut(task.low, task.high))
         lines, own = self.on.lines(*pieces[1:]), segment[pieces.owner]
-        changes = np.any([x != y for x, y in zip(lines.start, lines.end, strict=True)], axis=0)
+        changes = np.any([x != y for x, y in zip(lines.start.numbers, lines.end.numbers, strict=True)], axis=0)
         rough = changes | (lines.error > 0)
         result = np.zeros(rough.size, int), np.zeros(rough.size), np.zeros(rough.size)
         if len(k := np.flatnonzero(~rough)):
@@ -203,20 +203,22 @@ def _values(on: RoadOnPath, entry: PathQuantity, u: np.ndarray, sections: np.nda
     """Return the values of a quantity at parameters of the path."""
     vehicle = on.at(u, sections)
     path: AbstractHodograph = on.on.path
+    order, world = max(entry.order, 1), entry.in_world(vehicle)
     with np.errstate(all="ignore"):
         if path.supports_numpy:
-            return np.asarray(entry.value(invariants_at(path, u, max(entry.order, 1), vehicle)))
+            return np.asarray(entry.value(invariants_at(path, u, order, vehicle, world)))
         return np.asarray(_compiled(path, entry, u, vehicle))
 
 
 @eqx.filter_jit
 def _compiled(path: AbstractHodograph, entry: PathQuantity, u: Any, vehicle: RoadParameters) -> Any:
-    at = lambda u, v: jnp.asarray(entry.value(invariants_at(path, u, max(entry.order, 1), v)))  # noqa: E731
+    order, world = max(entry.order, 1), entry.in_world(vehicle)
+    at = lambda u, v: jnp.asarray(entry.value(invariants_at(path, u, order, v, world)))  # noqa: E731
     return jax.vmap(at)(u, vehicle)
 
 
 def _rows(road: RoadParameters, rows: np.ndarray) -> RoadParameters:
-    return RoadParameters(*(np.asarray(x)[rows] for x in road))
+    return road.each(lambda x: np.asarray(x)[rows])
 
 
 def _limit_rows(limit: Limit, rows: np.ndarray) -> Limit:

@@ -21,9 +21,10 @@ from qtraj.path.distances import Distances, distances
 from qtraj.path.driving import require_one_direction, segments_of
 from qtraj.path.quantity import quantity
 from qtraj.path.road_on_path import RoadOnPath
+from qtraj.path.road_parameters import RoadParameters
 from qtraj.path.route import Route
 from qtraj.path.stops import Segments
-from qtraj.path.vehicle import RoadParameters, fixed_parameters
+from qtraj.path.vehicle import fixed_parameters
 
 
 def certify_route(route: Route, limits: Limits) -> RouteCertificate:

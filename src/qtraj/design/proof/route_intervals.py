@@ -12,8 +12,8 @@ from qtraj.design.proof.speed_claims import compared
 from qtraj.path.frenet import Invariants
 from qtraj.path.quantity import quantity
 from qtraj.path.road_on_path import RoadOnPath
+from qtraj.path.road_parameters import RoadParameters
 from qtraj.path.stops import Segments
-from qtraj.path.vehicle import RoadParameters
 
 INSTANTS = 65
 """A quantity is evaluated at this number of equally spaced instants in each segment that violates its limit."""

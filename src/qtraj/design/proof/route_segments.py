@@ -23,8 +23,8 @@ from qtraj.design.proof.sources import PolynomialSource, Source
 from qtraj.design.proof.standing import standing, standing_source
 from qtraj.path.moment_quantities import MOMENTS
 from qtraj.path.quantity import COMBINED, QUANTITIES
+from qtraj.path.road_parameters import RoadParameters
 from qtraj.path.stops import Segments
-from qtraj.path.vehicle import RoadParameters
 
 DIRECTIONS = ("slope", "angular_rate", "angular_acceleration", "yaw_rate", "yaw_acceleration", *MOMENTS)
 """Quantities that depend only on the direction of the velocity."""
@@ -135,7 +135,7 @@ def _judge(result: Findings, task: _Task, rows: np.ndarray, columns: np.ndarray,
 
 def _parameters(road: RoadParameters | None, count: int, rows: np.ndarray) -> RoadParameters | None:
     """Return the parameters in some of `count` rows."""
-    return None if road is None else RoadParameters(*(np.broadcast_to(np.asarray(x, float), count)[rows] for x in road))
+    return None if road is None else road.each(lambda x: np.broadcast_to(np.asarray(x, float), count)[rows])
 
 
 def _of_rows(limit: Limit, count: int, rows: np.ndarray) -> Limit:

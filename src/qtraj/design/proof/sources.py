@@ -51,6 +51,11 @@ class Source(abc.ABC):
         """The number of paths."""
         return len(self.duration)
 
+    @property
+    def in_world(self) -> bool:
+        """Whether the derivatives are in world axes."""
+        return True
+
     @abc.abstractmethod
     def provable(self, upright: bool) -> Bool[np.ndarray, " n"]:
         """Return for which paths limits can be proved; `upright` indicates formulas with the vertical."""
@@ -105,6 +110,11 @@ class PolynomialSource(Source):
             self._scaled = [None if c is None else c / self.length for c in scaled[:3]] + scaled[3:]
         self._in_world, self._whole, self._position = angle is None and vertical is None, (x, y, z), False
         self._origin = np.zeros(3) if origin is None else np.asarray(origin, float)
+
+    @property
+    def in_world(self) -> bool:
+        """Whether the derivatives are in world axes."""
+        return self._in_world
 
     def proves(self, facts: OwnFacts) -> bool:
         """Return whether the path is polynomial in world axes if the quantity is computed in them."""

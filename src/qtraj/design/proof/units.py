@@ -12,7 +12,7 @@ from qtraj.algebra.exact import ExactPolynomial
 from qtraj.algebra.sparse import is_one, mul
 from qtraj.design.proof.sources import Derivatives, Source
 from qtraj.path.road_on_path import LINEAR
-from qtraj.path.vehicle import RoadParameters
+from qtraj.path.road_parameters import RoadParameters
 
 
 def scaled_vehicle(vehicle: RoadParameters, source: Source) -> RoadParameters:
@@ -46,7 +46,7 @@ def constants(
             return constant(x) + (constant(y) - constant(x)) * fraction
         return int(np.ravel(x)[0]) if np.all(x == 0) or np.all(x == 1) else constant(x)
 
-    pairs = zip(vehicle, _other_end(vehicle, end), strict=True)
+    pairs = zip(vehicle.numbers, _other_end(vehicle, end).numbers, strict=True)
     return RoadParameters(*(of(np.asarray(x, float), np.asarray(y, float)) for x, y in pairs))
 
 

@@ -27,7 +27,8 @@ from qtraj.path.distances import distances
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import quantity
 from qtraj.path.road_on_path import RoadOnPath
-from qtraj.path.vehicle import RoadParameters, fixed_parameters
+from qtraj.path.road_parameters import RoadParameters
+from qtraj.path.vehicle import fixed_parameters
 from qtraj.path.vehicle_data import batch_of
 
 
@@ -125,7 +126,7 @@ def _divided(path: AbstractHodograph, limits: Limits) -> Divided:
 
     def judged(segment: np.ndarray, limit: Limit, window: Window, start: Any, end: Any = None) -> Findings:
         count = len(segment)
-        in_world = limit.entry.own is not None and limit.entry.own.world
+        in_world = limit.entry.in_world(start)
         if arrays is None or in_world:  # the derivatives may be compiled, for one path
             source = curve_source if arrays is None else world_source
             each = [_on_curve(path, source, limit, (start, end), window, k) for k in range(count)]
@@ -155,9 +156,9 @@ def _on_curve(path: Any, source: Any, limit: Limit, road: tuple[Any, Any], windo
 
 
 def _row(road: RoadParameters | None, k: int) -> RoadParameters | None:
-    return None if road is None else RoadParameters(*(np.atleast_1d(x)[[k if np.ndim(x) else 0]] for x in road))
+    return None if road is None else road.each(lambda x: np.atleast_1d(x)[[k if np.ndim(x) else 0]])
 
 
 def _each(road: RoadParameters | None, count: int) -> RoadParameters | None:
     """Return the parameters of the vehicle for `count` parts of a path."""
-    return None if road is None else RoadParameters(*(np.broadcast_to(np.asarray(x, float), count) for x in road))
+    return None if road is None else road.each(lambda x: np.broadcast_to(np.asarray(x, float), count))

@@ -23,11 +23,11 @@ from jaxtyping import Bool, Float
 
 from qtraj.design.timing.constraints import STANDING, Constraints
 from qtraj.design.timing.interior_point import Program
-from qtraj.design.timing.road import ROAD
+from qtraj.design.timing.road import LOADS, ROAD
 from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import Scalar
 from qtraj.path.quantity import COMBINED, quantity
-from qtraj.path.vehicle import RoadParameters
+from qtraj.path.road_parameters import RoadParameters
 
 LARGEST = 1e12
 """Bound on the squared speed where no limit bounds it, relative to a typical squared speed."""
@@ -52,14 +52,16 @@ def largest(
     power imply the rates of the accelerations that they allow, and the bounds `ends` on a imply |r'|√a/L. The highest
     rate counts; L times this rate is the typical speed. Infinite limits and bounds are ignored.
     """
-    xp = namespace(r1, span, ends, *bounds.values(), *(vehicle or ()))
+    xp = namespace(r1, span, ends, *bounds.values(), *(() if vehicle is None else vehicle.numbers))
     square = xp.sum(r1 * r1, axis=0)
     highest = xp.max(square)
     length = span * xp.sqrt(highest)
     rates = [xp.sqrt(x * s) / length for x, s in zip(ends, (square.ravel()[0], square.ravel()[-1]), strict=True)]
     for name, bound in bounds.items():
         entry = quantity("lateral_acceleration" if name == COMBINED else name)
-        if name not in ROAD:
+        if name in LOADS and vehicle is not None:
+            rates.append(xp.sqrt(abs(bound) / vehicle.mass / length))
+        elif name not in ROAD:
             rates.append((abs(bound) / length**entry.length) ** (1 / entry.per_time))
         elif vehicle is not None:
             gravity = xp.sqrt(bound * vehicle.gravity / length)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import Any
 
 from qtraj.algebra.combined_claims import AnyClaim, all_of, any_of
@@ -23,14 +24,15 @@ from qtraj.design.proof import speed_claims
 from qtraj.design.proof.limit_claims import DIVISORS, RoadInvariants
 from qtraj.design.timing.cell_motions import Motion
 from qtraj.design.timing.constraints import UPPER
-from qtraj.design.timing.road import ROAD
+from qtraj.design.timing.road import LOADS, ROAD
 from qtraj.design.timing.roots import Enclosed, Root, at_bounds
 from qtraj.design.timing.sided import SIDED, SIDES_OF_RATES, SLOWEST
 from qtraj.path.components import cross, dot
 from qtraj.path.contact import power_numerator
 from qtraj.path.frenet import Invariants
+from qtraj.path.path_quantity import ROAD_FRAME
 from qtraj.path.quantity import quantity
-from qtraj.path.vehicle import RoadParameters
+from qtraj.path.road_parameters import RoadParameters
 
 OF_PATH = ("speed", "vertical_speed", "curvature_rate")
 """Quantities that need the velocity of the path itself, not only its direction."""
@@ -49,11 +51,10 @@ class CellClaims:
         self.speed_roots: Sequence[Root] | None = None
         self._real = Invariants([None, *motion.path])
         self._own = self._real if motion.ahead is motion.path else Invariants([None, *motion.ahead])
-        self._on_road: Any = None
 
     def squares(self) -> tuple[Any, Any, Any]:
         """Return the squares S, H and a of the `roots`."""
-        return self._own.S, self._own.H, self.motion.a
+        return self._own.S, self._level_square(), self.motion.a
 
     def forward(self) -> Claim:
         """Return a = u̇², without its zero at an end at rest; it must be positive."""
@@ -61,7 +62,11 @@ class CellClaims:
 
     def divisor(self, name: str) -> Claim:
         """Return the divisor with this name (see `limit_claims.DIVISORS`); it must be positive."""
-        return Claim(getattr(self._own, DIVISORS[name]))
+        return Claim(self._level_square() if name == ROAD_FRAME else getattr(self._own, DIVISORS[name]))
+
+    def _level_square(self) -> Any:
+        """Return H in the formulas of `contact`."""
+        return Invariants([None, self._own.r[1]], vehicle=self._vehicle).on_road.H
 
     def within(self, name: str, limit: Any, allows_zero: bool = True) -> AnyClaim:
         """Return the claim that a quantity satisfies its `limit`, a constant polynomial.
@@ -70,6 +75,8 @@ class CellClaims:
         """
         if name in ROAD:
             return self._road(name, limit)
+        if name in LOADS:
+            return self._load(quantity(name).side, limit)
         if name in SIDES_OF_RATES:
             return self._side_of_rate(name, limit, allows_zero)
         return Claim(self._side(name, limit) if name in SIDED else self._slack(name, limit * limit))
@@ -168,12 +175,25 @@ class CellClaims:
     def _times_factor(self, p: Any) -> Any:
         return p if self._real is self._own else self.motion.factor * p
 
-    def _road(self, name: str, limit: Any) -> AnyClaim:
+    @cached_property
+    def _pace(self) -> Any:
+        """The squared pace u̇² of the path, whose derivative is q."""
+        return self._times_factor(self._times_factor(self.motion.a))
+
+    @cached_property
+    def _on_road(self) -> Any:
+        """The invariants of q and of the doubled acceleration, with doubled gravity and drag."""
         own: Any = self._vehicle
-        pace = self._times_factor(self._times_factor(self.motion.a))
-        if self._on_road is None:
-            vehicle = own._replace(gravity=2 * own.gravity, drag=2 * own.drag * pace if own.drag else 0)
-            self._on_road = RoadInvariants(Invariants([None, self._own.r[1], self._doubled()], vehicle=vehicle))
+        vehicle = own._replace(gravity=2 * own.gravity, drag=2 * own.drag * self._pace if own.drag else 0)
+        return RoadInvariants(Invariants([None, self._own.r[1], self._doubled()], vehicle=vehicle).on_road)
+
+    def _load(self, side: int, limit: Any) -> AnyClaim:
+        """Return the claim that the normal load satisfies its limit."""
+        i: Any = self._on_road
+        slack = side * ((i.v * i.contact.level) * (2 * limit) - i.contact.onto * i.vehicle.mass)
+        return Claim(slack) if self.roots is None else Enclosed(at_bounds(slack, self.roots[:2]), self.roots[:2])
+
+    def _road(self, name: str, limit: Any) -> AnyClaim:
         i: Any = self._on_road
         entry: Any = quantity(name)
         if name == "friction":
@@ -191,5 +211,5 @@ class CellClaims:
                 for p in at_bounds(power, (S, H._replace(low=h, high=h)))
             ]
             return Enclosed(values, self.roots)
-        slack = 4 * (limit * limit) * i.H - power * power * pace
+        slack = 4 * (limit * limit) * i.H - power * power * self._pace
         return any_of([Claim(-power), Claim(slack)])

@@ -26,14 +26,14 @@ from qtraj.design.ellipse import OfSpeed
 from qtraj.design.one_sided import scale_and_shift
 from qtraj.design.timing import road
 from qtraj.design.timing.by_speed import Combined, Curve, combined_of, largest_squares, side_by_speed, stacked
-from qtraj.design.timing.road import ROAD, Road
+from qtraj.design.timing.road import LOADS, ON_ROAD, ROAD, Road
 from qtraj.design.timing.sided import RATES, SIDED, SIDES_OF_RATES, SLOWEST, row
 from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import Scalar
 from qtraj.path.components import dot
 from qtraj.path.frenet import Invariants, yaw
 from qtraj.path.quantity import COMBINED, quantity
-from qtraj.path.vehicle import RoadParameters
+from qtraj.path.road_parameters import RoadParameters
 
 UPPER = ("speed", "lateral_acceleration", *RATES, *SIDES_OF_RATES, "angular_rate")
 """Limits that are upper bounds on a = u̇²."""
@@ -44,10 +44,11 @@ FORMS = ("longitudinal_acceleration", "yaw_acceleration", "vertical_acceleration
 NAMES = (*UPPER, *FORMS, *SIDED, COMBINED, "jerk", *ROAD)
 """Limits that depend on the timing. Arrays have this order, and omit absent limits."""
 
-POWERS = {name: 0.5 * quantity(name).per_time for name in NAMES if name not in (*ROAD, SLOWEST, COMBINED)}
+POWERS = {name: 0.5 * quantity(name).per_time for name in NAMES if name not in (*ON_ROAD, SLOWEST, COMBINED)}
 """For each quantity an exponent p: if a = u̇² is multiplied by a constant k, the quantity is multiplied by k^p.
 
-Friction and power have no such exponent, because gravity does not depend on a. A lower bound on the speed has none.
+Friction, power and the load have no such exponent, because gravity does not depend on a. A lower bound on the speed has
+none.
 """
 POWERS[COMBINED] = 1.0
 
@@ -141,7 +142,8 @@ def parts(
     given = bounds
     by_speed: dict[str, Any] = {name: x for name, x in bounds.items() if isinstance(x, OfSpeed)}
     bounds = {name: x for name, x in bounds.items() if name not in by_speed}
-    xp, (r1, r2, r3) = namespace(r, unit, *bounds.values(), *(vehicle or ())), (tuple(x) for x in r)
+    xp = namespace(r, unit, *bounds.values(), *(() if vehicle is None else vehicle.numbers))
+    r1, r2, r3 = (tuple(x) for x in r)
     square = dot(r1, r1)
     moving = square > STANDING**2 * xp.max(square)
     # Where r' = 0, use the direction of r'', in which the motion starts, or against which it ends.
@@ -158,16 +160,22 @@ def parts(
     forms = dict(zip(FORMS, squares, strict=True))
     own = [xp.stack(forms[name]) / bounds[name] ** 2 for name in FORMS if name in bounds]
     scaled = _stacked([symmetric(x) for x in own], (2, 2), square)
-    rates = (i.S, 0.0 * i.S), *2 * [along], *2 * [turning], *2 * [climbing]
-    # Where r' = 0, the acceleration of the yaw is unknown, and that along the path without r'', too.
-    known: list[Any] = [moving, *2 * [dot(ahead, ahead) > 0], *2 * [moving], *2 * [square >= 0]]
+    load, on_road = (0.0 * i.S, 0.0 * i.S), None
+    if vehicle is not None:
+        direction = xp.stack(ahead) * inv_ahead[None]
+        on_road = road.coefficients(direction, r2, i.v, half, vehicle, bounds)
+        load = road.normal_load(direction, r2, vehicle) if set(LOADS) & set(bounds) else load
+    rates = (i.S, 0.0 * i.S), *2 * [along], *2 * [turning], *2 * [climbing], *3 * [(load[1], 0.0 * i.S)]
+    # Where r' = 0, the acceleration of the yaw is unknown, and that along the path and the load without r'', too.
+    has_direction = dot(ahead, ahead) > 0
+    known: list[Any] = [moving, *2 * [has_direction], *2 * [moving], *2 * [square >= 0], *3 * [has_direction]]
     rows, curves = [], []
     for name, own, there in zip(SIDED, rates, known, strict=True):
         if name in by_speed:
             affine, curve = side_by_speed(by_speed[name], quantity(name).side, own, i.v)
             curves.append(curve.scaled(there))
         elif name in bounds:
-            affine = row(name, own, bounds)
+            affine = row(name, own, bounds, load[0] if name in LOADS else 0.0)
             curves.append(None)
         else:
             continue
@@ -183,10 +191,8 @@ def parts(
     combined = combined_of(by_speed[COMBINED], along, across, i.v) if COMBINED in by_speed else None
     more = {"bends": stacked(curves, i.v), "combined": combined}
     found = Parts(_stacked(upper, (), square), scaled, _stacked(rows, (3,), square), jerk, **more)
-    if vehicle is None:
+    if on_road is None:
         return found
-    direction = xp.stack(ahead) * inv_ahead[None]
-    on_road = road.coefficients(direction, r2, i.v, half, vehicle, bounds)
     # Where r' and r'' vanish, the direction of motion is unknown, so omit friction and power there.
     size = dot(r2, r2)
     return found._replace(road=road.without(on_road, ~moving & (size <= STANDING**2 * xp.max(size))))

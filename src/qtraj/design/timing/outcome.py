@@ -225,6 +225,12 @@ class Retimed(AbstractOutcome):
         if not needed > limit:
             return ""
         where = ", ".join(f"{x:.4g}" for x in np.round(place, 6) + 0.0)
+        if np.isinf(needed):
+            return (
+                f"no timing was found. A slow vehicle would fall off the road: at ({where}) m, only a high speed "
+                "keeps it there. Raise the limits on speed and friction, pass a vehicle with more friction, or change "
+                "the path."
+            )
         return (
             f"no timing was found. The road is too steep or banked to drive it slowly: at ({where}) m, gravity alone "
             f"needs {needed:.4g} of the available friction, but the limit is {limit:.4g}. Raise the limit on friction "

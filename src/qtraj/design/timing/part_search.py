@@ -22,8 +22,8 @@ from qtraj.design.varying import Varying
 from qtraj.foundation.arrays import constants, is_traced
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.road_on_path import RoadOnPath
+from qtraj.path.road_parameters import RoadParameters
 from qtraj.path.route import Route
-from qtraj.path.vehicle import RoadParameters
 
 
 class Posed(NamedTuple):

@@ -16,7 +16,7 @@ from qtraj.design.timing.grid import Grid
 from qtraj.design.timing.proof import prove
 from qtraj.design.timing.retimed_cells import Cells
 from qtraj.design.timing.retimed_maxima import PLACES, Limited
-from qtraj.design.timing.road import ROAD
+from qtraj.design.timing.road import ON_ROAD
 from qtraj.design.timing.road_proof import part_of_grid, prove_on_road
 from qtraj.design.timing.sources import Source
 from qtraj.design.timing.timing import RetimedPath, Timing
@@ -93,7 +93,7 @@ class _Problem:
         self._limited, self._polynomials = limited, polynomials
         self._on_road = isinstance(limited.vehicle, RoadOnPath)
         self.changing = tuple(
-            name for name, x in limited.bounds.items() if isinstance(x, Varying) or (self._on_road and name in ROAD)
+            name for name, x in limited.bounds.items() if isinstance(x, Varying) or (self._on_road and name in ON_ROAD)
         )
         timing, columns = limited.path.timing, limited.cells.columns
         self._powers = np.asarray(timing.coefficients)[columns]
@@ -115,7 +115,7 @@ class _Problem:
         if not self._on_road:
             return np.array(prove(self._polynomials, grid, timing, bounds, vehicle, place).codes), rough
         codes, changes = prove_on_road(self._polynomials, grid, timing, bounds, vehicle, (low, high), place)
-        rough[[NAMES.index(name) for name in ROAD if name in bounds]] |= changes
+        rough[[NAMES.index(name) for name in ON_ROAD if name in bounds]] |= changes
         return codes, rough
 
     def violated(self, pieces: Pieces, name: str) -> bool:

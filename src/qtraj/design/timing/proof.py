@@ -30,7 +30,7 @@ from qtraj.design.timing.sided import SIDES_OF_RATES, SLOWEST
 from qtraj.design.timing.sources import Source
 from qtraj.path.path_quantity import LOAD
 from qtraj.path.quantity import quantity
-from qtraj.path.vehicle import RoadParameters
+from qtraj.path.road_parameters import RoadParameters
 
 BLOCK_SIZE = 512
 """Number of cells that are judged together; their data fits into the processor's cache."""
@@ -135,13 +135,13 @@ def _judged(
     motions = CellMotions(columns, of_cells(durations), first, half, timing, at_rest, segment, directions, place)
     limits, by_speed = bounds
     each = {name: np.repeat(x, cells) if x.ndim == 1 else x.reshape(-1, 2) for name, x in limits.items()}
-    ways = [x and RoadParameters(*(np.repeat(y, cells) if y.ndim == 1 else y.reshape(-1) for y in x)) for x in road]
+    ways = [x and x.each(lambda y: np.repeat(y, cells) if y.ndim == 1 else y.reshape(-1)) for x in road]
     codes = np.zeros((len(NAMES), batch * cells), np.int32)
     for group in (motions.standing, ~motions.standing):
         every = np.flatnonzero(group)
         for start in range(0, every.size, BLOCK_SIZE):
             block = every[start : start + BLOCK_SIZE]
-            own = [x and RoadParameters(*(y[block] for y in x)) for x in ways]
+            own = [x and x.each(lambda y, block=block: y[block]) for x in ways]
             task = _Task(motions.chosen(block), {name: x[block] for name, x in each.items()}, own, max_work)
             codes[:, block] = _codes(task, by_speed)
     return np.moveaxis(codes.reshape(len(NAMES), batch, cells), 1, 0)
@@ -255,8 +255,7 @@ class _Task:
         if k not in self._integers:
             vehicle = None
             if self._road is not None:
-                start: Any = RoadParameters(*(x[k] for x in self._road))
-                end = self._end and RoadParameters(*(x[k] for x in self._end))
+                start, end = self._road.each(lambda x: x[k]), self._end and self._end.each(lambda x: x[k])
                 vehicle = constants(start, ExactPolynomial.of, end, ExactPolynomial([0, 1]))
                 vehicle = vehicle._replace(gravity=times_power(vehicle.gravity, self._unit[k], 2))
             own = self._integers[k] = CellClaims(self.motions.exact(k, self._order), vehicle)

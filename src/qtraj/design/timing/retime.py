@@ -44,7 +44,7 @@ from qtraj.design.timing.requirements import (
 from qtraj.design.timing.result_code import REACHED, accuracy_code, result_code
 from qtraj.design.timing.retimed_cells import Cells, of_parts
 from qtraj.design.timing.retimed_maxima import Limited, largest_in, values_in
-from qtraj.design.timing.road import ROAD
+from qtraj.design.timing.road import ON_ROAD
 from qtraj.design.timing.road_cells import road_of
 from qtraj.design.timing.search import MARGIN
 from qtraj.design.timing.sources import source
@@ -58,9 +58,9 @@ from qtraj.foundation.seconds import seconds
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.path.hodograph import AbstractHodograph, require_path
 from qtraj.path.road_on_path import RoadOnPath
+from qtraj.path.road_parameters import RoadParameters
 from qtraj.path.route import Route
 from qtraj.path.shape import Shape
-from qtraj.path.vehicle import RoadParameters
 
 
 def retime(
@@ -81,9 +81,9 @@ def retime(
 
     `limits` may contain only limits that depend on the timing: `speed`, `acceleration`, `lateral_acceleration`,
     `longitudinal_acceleration`, `vertical_speed`, `vertical_acceleration`, `jerk`, `yaw_rate`, `yaw_acceleration`,
-    `curvature_rate`, `angular_rate` and, with a vehicle, `friction` and `power`. `speed`, `vertical_speed`,
-    `yaw_rate`, `curvature_rate` and the longitudinal, vertical and yaw acceleration may have two sides, as in
-    `longitudinal_acceleration=(-6, 2)`.
+    `curvature_rate`, `angular_rate` and, with a vehicle, `friction`, `power` and `normal_load`. `speed`,
+    `vertical_speed`, `yaw_rate`, `curvature_rate`, the load, and the longitudinal, vertical and yaw acceleration may
+    have two sides, as in `longitudinal_acceleration=(-6, 2)`.
 
     Limits may change along the way (`Along`): in a cell in which a limit changes, its strictest value holds, and such
     cells are small.
@@ -184,7 +184,7 @@ def retime(
     require_moving(bounds, speeds, ends, stops_of(parts))
     require_start_and_stop(bounds, speeds, stops_of(parts))
     speeds = tuple(faster_than_bound(v, bounds, u) for v, u in zip(speeds, ends, strict=True))
-    vehicle = limits.vehicle if set(names) & set(ROAD) else None
+    vehicle = limits.vehicle if set(names) & set(ON_ROAD) else None
     road = None if vehicle is None else road_of(limits, path, is_traced(path, limits, speeds))
     if not is_traced(path, bounds, road, speeds):
         bounds = {name: x if isinstance(x, Varying | OfSpeed) else np.asarray(x) for name, x in bounds.items()}
@@ -273,7 +273,7 @@ def _judged(
     powers = xp.concatenate([x.powers for x in timed])
     timing = Timing(powers, knots, rest)
     own = np.array([NAMES.index(name) for name in names])
-    rows = listed(names, any(name in ROAD for name in names))
+    rows = listed(names, any(name in ON_ROAD for name in names))
     usage = xp.concatenate([x.usage for x in timed], axis=1)
     usage = usage[np.array([rows.index(name) for name in names])] * (1 - MARGIN)
     codes = xp.concatenate([xp.asarray(x.codes) for x in timed], axis=1)[own]

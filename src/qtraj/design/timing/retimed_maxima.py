@@ -18,7 +18,7 @@ from qtraj.design.timing.timing import RetimedPath
 from qtraj.design.varying import Varying, at_places, varies
 from qtraj.foundation.arrays import is_traced
 from qtraj.path.road_on_path import RoadOnPath
-from qtraj.path.vehicle import RoadParameters
+from qtraj.path.road_parameters import RoadParameters
 
 PLACES = 17
 """Number of equally spaced points in each cell at which quantities are evaluated."""

@@ -23,15 +23,15 @@ from qtraj.design.timing.pieces import proved_in_pieces
 from qtraj.design.timing.proof import prove
 from qtraj.design.timing.retimed_cells import ROUNDINGS, Cells, cells_of, divides_equally
 from qtraj.design.timing.retimed_maxima import Limited, largest_in, largest_per_cell, values_in
-from qtraj.design.timing.road import ROAD
+from qtraj.design.timing.road import ON_ROAD
 from qtraj.design.timing.road_cells import road_of
 from qtraj.design.timing.sources import source
 from qtraj.design.timing.timing import RetimedPath
 from qtraj.design.varying import Varying, on_path, varies
 from qtraj.foundation.arrays import constants, is_traced
 from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.road_parameters import RoadParameters
 from qtraj.path.route import Route
-from qtraj.path.vehicle import RoadParameters
 from qtraj.path.vehicle_data import axes_of
 
 Certify = Callable[[AbstractHodograph, Limits], Certificate]
@@ -105,10 +105,10 @@ def _of_timing(path: RetimedPath, limits: Limits, cells: Cells) -> Certificate:
         for name, x in on_path(limits.given(), path.path).items()
     }
     vehicle: Any = None
-    if set(names) & set(ROAD):
+    if set(names) & set(ON_ROAD):
         vehicle = road_of(limits, path.path, False)
         if isinstance(vehicle, RoadParameters):
-            vehicle = RoadParameters(*(xp.asarray(x, dtype) for x in vehicle))
+            vehicle = vehicle.each(lambda x: xp.asarray(x, dtype))
     polynomials: Any = constants(source(path.path))
     limited = constants(Limited(path, cells, bounds, vehicle))
     known = not is_traced(limited)
@@ -126,7 +126,7 @@ def _of_timing(path: RetimedPath, limits: Limits, cells: Cells) -> Certificate:
     found = (_certificate if known else eqx.filter_jit(_certificate))(limited, codes, names, place)
     if not traced:
         return found
-    road = jnp.zeros(0, dtype) if vehicle is None else jnp.stack(list(vehicle))
+    road = jnp.zeros(0, dtype) if vehicle is None else jnp.stack(list(vehicle.numbers))
     values = differentiable(names, static, (arrays, road), found.times, found.values)
     return Certificate(names, found.codes, found.times, values, jnp.stack([*limits.constant().values()]))
 

@@ -22,10 +22,17 @@ from jaxtyping import Float
 
 from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import Scalar
-from qtraj.path.vehicle import RoadParameters
+from qtraj.path.components import cross, scaled
+from qtraj.path.road_parameters import RoadParameters
 
 ROAD = ("friction", "power")
-"""Limits that need a vehicle."""
+"""Limits that need a vehicle, and have constraints of their own."""
+
+LOADS = ("normal_load", "normal_load_min", "normal_load_max")
+"""Limits that need a vehicle, and are affine in a."""
+
+ON_ROAD = (*ROAD, *LOADS)
+"""All limits that need a vehicle."""
 
 LEAST_LOAD = 1e-6
 """Lower bound on the divisor Z in the ratio of the friction to its limit, relative to the normal force at rest."""
@@ -64,25 +71,55 @@ def coefficients(
     The acceleration along the path contains the derivative a' of a = u̇² with the factor `half`·|r'|. A limit that is
     infinite or not in `bounds` is absent.
     """
-    xp, (x, y, z) = namespace(*ahead, *vehicle, *bounds.values()), ahead
-    square = x * x + y * y
-    safe = xp.sqrt(xp.where(square > 0, square, 1.0))  # keeps derivatives finite if the motion is vertical
-    level = xp.where(square > 0, safe, 0.0)
-    left, upwards = (-y / safe, x / safe, 0.0 * z), (-x * z / safe, -y * z / safe, level)
-    forward, to_left, up = (sum(p * q for p, q in zip(axis, second, strict=True)) for axis in (ahead, left, upwards))
-    g, cos, sin = vehicle.gravity, vehicle.cos, vehicle.sin
+    xp, z = namespace(*ahead, *vehicle.numbers, *bounds.values()), ahead[2]
+    g, forward = vehicle.gravity, _dot(ahead, second)
     along = xp.stack([g * z, forward + vehicle.drag * speed**2, half * speed])
-    across = xp.stack([-sin * g * level, cos * to_left - sin * up])
-    onto = xp.stack([cos * g * level, cos * up + sin * to_left])
-    resistance = vehicle.rolling * xp.stack([*onto, 0.0 * level])
+    across, onto = _normal(ahead, second, vehicle, xp)
+    resistance = vehicle.rolling * xp.stack([*onto, 0.0 * z])
     power = (vehicle.mass * speed / bounds.get("power", np.inf))[None] * (along + resistance)
-    at_rest = xp.where(onto[0] > 0, onto[0], 1.0)
+    # On a road with another axis than the vertical, the normal force at rest may be zero.
+    at_rest = onto[0] if vehicle.axis is None else g + 0.0 * z
+    at_rest = xp.where(at_rest > 0, at_rest, 1.0)
     limit = bounds.get("friction", np.inf)
     inverse = ((1 / limit) / at_rest)[None]  # an infinite limit has finite derivatives
     grip = vehicle.inv_long * along * inverse, vehicle.inv_lat * across * inverse, onto / at_rest[None]
-    neutral = xp.stack([xp.ones_like(level), xp.zeros_like(level)])
+    neutral = xp.stack([xp.ones_like(z), xp.zeros_like(z)])
     grip = grip[0], grip[1], xp.where(xp.isfinite(limit), grip[2], neutral)
     return Road(*grip, power, _upper(*grip[1:]))
+
+
+def normal_load(ahead: Float[Any, "3 *nodes"], second: tuple[Any, ...], vehicle: RoadParameters) -> Any:
+    """Return the coefficients of 1 and a in the normal load [N]; the arguments are those of `coefficients`."""
+    return vehicle.mass * _normal(ahead, second, vehicle, namespace(*ahead, *vehicle.numbers))[1]
+
+
+def _normal(ahead: Any, second: Any, vehicle: RoadParameters, xp: Any) -> tuple[Any, Any]:
+    """Return the coefficients of 1 and a in the components Y and Z of the force."""
+    left, upwards = _upright(ahead, xp) if vehicle.axis is None else _about(vehicle.axis, ahead, xp)
+    g, cos, sin, to_left, up = vehicle.gravity, vehicle.cos, vehicle.sin, _dot(left, second), _dot(upwards, second)
+    across = xp.stack([cos * g * left[2] - sin * g * upwards[2], cos * to_left - sin * up])
+    return across, xp.stack([cos * g * upwards[2] + sin * g * left[2], cos * up + sin * to_left])
+
+
+def _dot(p: Any, q: Any) -> Any:
+    return sum(x * y for x, y in zip(p, q, strict=True))
+
+
+def _upright(ahead: Any, xp: Any) -> tuple[Any, Any]:
+    """Return the axes n and b of the upright frame, which are zero if the motion is vertical."""
+    x, y, z = ahead
+    square = x * x + y * y
+    safe = xp.sqrt(xp.where(square > 0, square, 1.0))  # keeps derivatives finite if the motion is vertical
+    return (-y / safe, x / safe, 0.0 * z), (-x * z / safe, -y * z / safe, xp.where(square > 0, safe, 0.0))
+
+
+def _about(axis: Any, ahead: Any, xp: Any) -> tuple[Any, Any]:
+    """Return the axes n and b of the frame about another axis than the vertical, which is in world axes."""
+    ahead = tuple(ahead)
+    n = cross(axis, ahead)
+    square = _dot(n, n)
+    n = scaled(n, 1 / xp.sqrt(xp.where(square > 0, square, 1.0)))
+    return n, cross(ahead, n)
 
 
 def _upper(across: Any, onto: Any) -> Any:
@@ -116,13 +153,17 @@ def without(r: Road, omitted: Any) -> Road:
 def tightened(r: Road, factors: Float[Any, "2 *nodes"]) -> Road:
     """Return the same constraints with their limits divided by `factors`.
 
-    For friction, the parts of the force components X and Y that depend on the timing are multiplied by the factors
-    instead. Otherwise gravity on a slope or a banked road could violate a reduced limit at every speed.
+    Where the tyres hold the vehicle at rest, only the parts of the force components X and Y that depend on the timing
+    are multiplied by the factors for friction. Otherwise gravity on a slope or a banked road could violate a reduced
+    limit at every speed. Elsewhere, as at the top of a loop, a faster motion may reduce the friction demand, and the
+    whole components are multiplied.
     """
     friction, power = factors[:1], factors[1:]
     xp = namespace(*r, factors)
-    along = xp.concatenate([r.along[:1], r.along[1:] * friction])
-    across = xp.concatenate([r.across[:1], r.across[1:] * friction])
+    x, y, z = r.along[:1], r.across[:1], r.onto[:1]
+    held = xp.where((z > 0) & (x * x + y * y < z * z), 1.0, friction)
+    along = xp.concatenate([x * held, r.along[1:] * friction])
+    across = xp.concatenate([y * held, r.across[1:] * friction])
     return r._replace(along=along, across=across, power=r.power * power)
 
 

@@ -10,11 +10,11 @@ from qtraj.design.proof.certificate import BROKEN, PROVED, UNDECIDED
 from qtraj.design.timing.constraints import NAMES
 from qtraj.design.timing.grid import Grid
 from qtraj.design.timing.proof import MAX_WORK, prove
-from qtraj.design.timing.road import ROAD
+from qtraj.design.timing.road import ON_ROAD
 from qtraj.design.timing.road_cells import variants
 from qtraj.design.timing.sources import Source
+from qtraj.path.quantity import quantity
 from qtraj.path.road_on_path import RoadOnPath
-from qtraj.path.vehicle import RoadParameters
 
 HALVINGS = 6
 """How often a cell is halved in which a limit is not proved, because the variants are not close to the road."""
@@ -50,9 +50,9 @@ def prove_on_road(
         rest, ends_at_rest = np.zeros((2, count), bool), rest
         rest[0, 0], rest[1, -1] = ends_at_rest
     place = np.stack([np.zeros(count), np.ones(count)]) if place is None else place
-    others = {name: x for name, x in bounds.items() if name not in ROAD}
+    others = {name: x for name, x in bounds.items() if name not in ON_ROAD}
     codes = np.array(prove(path, grid, (powers, rest), others, None, place).codes)
-    of_road = {name: x for name, x in bounds.items() if name in ROAD}
+    of_road = {name: x for name, x in bounds.items() if name in ON_ROAD}
     rows = np.array([NAMES.index(name) for name in of_road], int)
     if not rows.size:
         return codes, found.rough
@@ -64,7 +64,7 @@ def prove_on_road(
         part = Grid(np.arange(k.size + 1.0), *(x[k] for x in grid[1:]))
         own = {name: np.asarray(x)[k] if np.ndim(x) else x for name, x in of_road.items()}
         for start, end in found.ends if some is found.rough else found.ends[:1]:
-            road = [RoadParameters(*(np.asarray(y)[k] for y in x)) for x in (start, end)]
+            road = [x.each(lambda y, k=k: np.asarray(y)[k]) for x in (start, end)]
             new = prove(path, part, (powers[k], rest[:, k]), own, road[0], place[:, k], road[1], work).codes
             new = np.asarray(new)[rows]
             before = codes[np.ix_(rows, k)]
@@ -85,7 +85,7 @@ def proved_on_road(
     """Return the status of each limit on each cell; cells are halved for limits on forces."""
     powers, rest = timing
     codes, rough = prove_on_road(path, grid, timing, bounds, on, ends)
-    for name in (name for name in ROAD if name in bounds):
+    for name in (name for name in ON_ROAD if name in bounds):
         row = NAMES.index(name)
         cell = np.flatnonzero(rough & (codes[row] != PROVED))
         open_cells, start, end = cell, np.zeros(cell.size), np.ones(cell.size)
@@ -99,7 +99,7 @@ def proved_on_road(
             at_rest[0] = rest[0] & (cell == 0) & (start == 0)
             at_rest[1] = rest[1] & (cell == grid.cells - 1) & (end == 1)
             low, high = (ends[0][cell] + x * (ends[1] - ends[0])[cell] for x in (start, end))
-            own = {name: _in_parts(bounds[name], cell, start, end)}
+            own = {name: _in_parts(bounds[name], quantity(name).side, cell, start, end)}
             parts, place = part_of_grid(grid, cell, start, end), np.stack([start, end])
             found = prove_on_road(path, parts, (powers[cell], at_rest), own, on, (low, high), place)[0][row]
             left = found != PROVED
@@ -116,10 +116,10 @@ def part_of_grid(grid: Grid, cell: np.ndarray, start: np.ndarray, end: np.ndarra
     return Grid(np.arange(half.size + 1.0), grid.segment[cell], middle, half)
 
 
-def _in_parts(bound: Any, cell: np.ndarray, start: np.ndarray, end: np.ndarray) -> Any:
-    """Return a limit on friction or power in parts of cells; a linear one is nowhere less strict than in its cell."""
+def _in_parts(bound: Any, side: int, cell: np.ndarray, start: np.ndarray, end: np.ndarray) -> Any:
+    """Return a limit on a force in parts of cells; a linear one is nowhere less strict than in its cell."""
     if np.ndim(bound) != 2:
         return bound
     first, last = np.asarray(bound)[cell].T
-    rounding = TIGHTER * np.maximum(np.abs(first), np.abs(last))
+    rounding = side * TIGHTER * np.maximum(np.abs(first), np.abs(last))
     return np.stack([first + x * (last - first) - rounding for x in (start, end)], axis=1)

@@ -30,7 +30,7 @@ from qtraj.foundation.types import Scalar
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import quantity
 from qtraj.path.road_on_path import RoadOnPath
-from qtraj.path.vehicle import RoadParameters
+from qtraj.path.road_parameters import RoadParameters
 
 MARGIN = 1e-5
 """Fraction by which all limits are reduced in the search, because they are imposed only at nodes."""

@@ -1,7 +1,8 @@
 """Limits on one side of a signed value along a timing, as affine functions of a = u̇² and a' = da/du.
 
-The longitudinal, the vertical and the yaw acceleration are p·a + q·a'; how their limits are imposed is described in
-`design.one_sided`. A lower bound l on the speed is imposed on its square: (2l² − |r'|² a)/l² ≤ 1.
+The longitudinal, the vertical and the yaw acceleration are p·a + q·a', and the normal load of a vehicle is c + p·a. How
+their limits are imposed is described in `design.one_sided`. A lower bound l on the speed is imposed on its square:
+(2l² − |r'|² a)/l² ≤ 1.
 """
 
 from collections.abc import Mapping
@@ -10,6 +11,7 @@ from typing import Any
 from qtraj.design.by_speed import BySpeed
 from qtraj.design.ellipse import OfSpeed
 from qtraj.design.one_sided import scale_and_shift, stricter, value_at
+from qtraj.design.timing.road import LOADS
 from qtraj.design.varying import all_values
 from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import Scalar
@@ -27,6 +29,7 @@ SIDED = (
     "yaw_acceleration_max",
     "vertical_acceleration_min",
     "vertical_acceleration_max",
+    *LOADS,
 )
 """Limits that are affine in a and a'."""
 
@@ -57,14 +60,14 @@ def _reduced(name: str, bounds: Mapping[str, Any], fraction: float) -> Any:
     return bounds[name] * (1 + fraction if name == SLOWEST else 1 - fraction)
 
 
-def row(name: str, rates: tuple[Any, Any], bounds: Mapping[str, Scalar]) -> tuple[Any, Any, Any]:
-    """Return the coefficients of 1, a and a' in the imposed function; `rates` are those of a and a' in the value.
+def row(name: str, rates: tuple[Any, Any], bounds: Mapping[str, Scalar], constant: Any = 0.0) -> tuple[Any, Any, Any]:
+    """Return the coefficients of 1, a and a' in the imposed function; `constant` and `rates` are those in the value.
 
     For the lower bound on the speed, the value is its square.
     """
     (p, q), side, square = rates, quantity(name).side, bounds[name] ** 2
     scale, shift = _of_slowest(square) if name == SLOWEST else scale_and_shift(name, bounds)
-    return shift / scale + 0.0 * p, side * p / scale, side * q / scale
+    return (shift + side * constant) / scale + 0.0 * p, side * p / scale, side * q / scale
 
 
 def _of_slowest(square: Any) -> tuple[Any, Any]:

@@ -18,13 +18,16 @@ def friction_at_rest(
 ) -> tuple[float, Float[np.ndarray, " 3"]]:
     """Return the largest fraction of the available friction that gravity alone needs, and the position there [m].
 
+    It is infinite if a slow vehicle would fall off the road somewhere; the position is then where its load is lowest.
     `u` are the parameters of the path at which it is evaluated.
     """
     one: Any = np.ones(())
     known = road_on(vehicle, path).at(u) if vehicle.on_changing_road else vehicle.parameters()
-    parameters: Any = type(known)(*(np.asarray(x) for x in known))
+    parameters = known.each(np.asarray)
     with np.errstate(all="ignore"):  # at a stop, friction counts as zero
         found = parts(np.asarray(path_derivatives(path, u)), one, {"friction": one}, parameters).road
         usage = np.nan_to_num(road.used(found, np.zeros((2, u.size)))[0]) if found is not None else np.zeros(u.size)
-    worst = int(np.argmax(usage))
-    return float(usage[worst]), np.asarray(path.position(u[worst]))
+    load = np.ones(u.size) if found is None else found.onto[0]
+    off = load.min() < 0
+    worst = int(np.argmin(load) if off else np.argmax(usage))
+    return np.inf if off else float(usage[worst]), np.asarray(path.position(u[worst]))

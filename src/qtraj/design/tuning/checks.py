@@ -58,6 +58,11 @@ def require_choices(
     refuse_changing(by_speed, "tune", "retime supports it for a route, such as Route.from_path(path)")
     user_limits = limits.given()
     require_reduced(user_limits, "tune")
+    if limits.on_forces and limits.vehicle is not None and limits.vehicle.has_left:
+        raise ValueError(
+            "tune does not support limits on forces with a direction of the road to the left: use tune_route, such as "
+            "tune_route(Route.from_path(path), limits), or pass a vehicle without Road(left=...)"
+        )
     if not user_limits:
         raise ValueError("no limit was given: tuning needs at least one limit, so set at least one field of Limits")
     if objective.needs_time_limit and not bound_speed(user_limits):

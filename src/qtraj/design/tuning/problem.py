@@ -22,8 +22,8 @@ from qtraj.foundation.arrays import is_traced
 from qtraj.path.boundary import BoundaryState, Cylindrical
 from qtraj.path.boundary_problem import whole_turns
 from qtraj.path.placement import Placement
+from qtraj.path.road_parameters import RoadParameters
 from qtraj.path.spiral_helix import SpiralHelix
-from qtraj.path.vehicle import RoadParameters
 
 DURATION = "duration"
 
@@ -249,6 +249,6 @@ def pose(
         heading_fixed=xp.broadcast_to(xp.asarray(headings), (*batch, 2)),
         motion=motion,
         objective=objective,
-        road=None if road is None else RoadParameters(*(xp.broadcast_to(x, batch) for x in road)),
+        road=None if road is None else road.each(lambda x: xp.broadcast_to(x, batch)),
     )
     return dataclasses.replace(problem, scale=objective.scale(problem))

@@ -72,7 +72,7 @@ def taken(units: Units, index: Int[np.ndarray, " points"]) -> Units:
         units.length[index],
         units.log_duration[index],
         None if up is None else (up[0][index], up[1][index], up[2][index]),
-        None if road is None else type(road)(*(x[index] for x in road)),
+        None if road is None else road.each(lambda x: x[index]),
         tuple([c[index] for c in cubic] for cubic in units.reference),  # type: ignore[arg-type]
         {name: limit[index] for name, limit in units.limits.items()},
     )

@@ -12,7 +12,8 @@ from qtraj.design.limits import Limits
 from qtraj.foundation.arrays import concrete
 from qtraj.foundation.namespace import namespace
 from qtraj.path.quantity import CORRIDOR, quantity
-from qtraj.path.vehicle import NO_VEHICLE, Vehicle
+from qtraj.path.road_parameters import NO_VEHICLE
+from qtraj.path.vehicle import Vehicle
 
 TARGET_RATIO = 1 - 4e-9
 """The fraction of each upper limit that the search uses."""

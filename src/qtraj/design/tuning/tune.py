@@ -41,7 +41,7 @@ from qtraj.foundation.types import ArrayInput
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.placement import Placement
-from qtraj.path.vehicle import RoadParameters
+from qtraj.path.road_parameters import RoadParameters
 
 
 def tune(
@@ -145,7 +145,7 @@ def tune(
     duration, turn, corridor = (None if x is None else as_float(x) for x in (seconds(duration), turn, corridor))
 
     start, end, batch = _as_batch(start, end)
-    road = RoadParameters(*map(as_float, limits.road())) if limits.uses_vehicle else None
+    road = limits.road().each(as_float) if limits.uses_vehicle else None
     axis, bounds_of = Placement() if placement is None else placement, _as_floats(bounds)
     _require_batch((duration, turn, axis, bounds_of, road, limits.constant(), corridor), batch)
     limits.require_batch(batch, "the states")

@@ -24,7 +24,7 @@ from qtraj.path.clearance_quantity import names_obstacle
 from qtraj.path.frenet import Invariants
 from qtraj.path.path_quantity import PathQuantity
 from qtraj.path.quantity import quantity
-from qtraj.path.vehicle import RoadParameters
+from qtraj.path.road_parameters import RoadParameters
 
 
 def order_of(names: tuple[str, ...]) -> int:

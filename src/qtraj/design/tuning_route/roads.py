@@ -18,8 +18,8 @@ from qtraj.path import pieces
 from qtraj.path.distances import distances
 from qtraj.path.driving import segments_of
 from qtraj.path.road_on_path import RoadOnPath
+from qtraj.path.road_parameters import RoadParameters
 from qtraj.path.route import Route
-from qtraj.path.vehicle import RoadParameters
 
 BETWEEN = 8
 """Number of places in each interval between fine nodes, at which the road is evaluated."""
@@ -38,13 +38,13 @@ def at_fine_nodes(route: Route, limits: Limits, given: Parts) -> Float[np.ndarra
     vehicle: Any = limits.vehicle
     shape = len(basis.FINE_NODES), len(given.h)
     if vehicle is None or not vehicle.on_changing_road:
-        return np.stack([np.broadcast_to(np.asarray(x, float), shape) for x in limits.road(np.float64)])
+        return np.stack([np.broadcast_to(np.asarray(x, float), shape) for x in limits.road(np.float64).numbers])
     segments, on = segments_of(route), distances(route)
     at_ends = on.at(np.append(segments.starts, segments.end))
     start, end = at_ends[given.curves.first], at_ends[given.curves.last + 1]
     s = start + (end - start) * _fractions(given)
     road = RoadOnPath(vehicle, on).at_distances(s.ravel())
-    found = np.stack([np.reshape(x, s.shape) for x in road])
+    found = np.stack([np.reshape(x, s.shape) for x in road.numbers])
     nodes = found[:, ::BETWEEN].copy()
     for k in range(nodes.shape[1]):
         near = found[FRICTION, max(0, (k - 1) * BETWEEN) : (k + 1) * BETWEEN + 1]

@@ -15,16 +15,15 @@ from jaxtyping import Float
 from qtraj.design.uncertainty.motion_covariance import motion_covariance
 from qtraj.design.uncertainty.quantity_expansion import expand
 from qtraj.foundation.methods import method
-from qtraj.path.components import Triple
 from qtraj.path.frame_components import triple
 from qtraj.path.frenet import Invariants
-from qtraj.path.path_quantity import PathQuantity
-from qtraj.path.regularity import has_natural_frame, has_tangent, has_upright_frame
+from qtraj.path.path_quantity import ROAD_FRAME, PathQuantity
+from qtraj.path.regularity import has_natural_frame, has_road_frame, has_tangent, has_upright_frame
 
 BLOCK = 4096
 """Number of instants at once, which bounds the memory for Hessians."""
 
-EXISTS = {"speed": has_tangent, "cross_norm": has_natural_frame, "level": has_upright_frame}
+EXISTS = {"speed": has_tangent, "cross_norm": has_natural_frame, "level": has_upright_frame, ROAD_FRAME: has_road_frame}
 """Where quantities with these divisors exist; others exist where the vehicle moves."""
 
 
@@ -58,7 +57,7 @@ def _propagate(fitted: Any, t: np.ndarray, entries: Mapping[str, PathQuantity], 
     found = {}
     for name, entry in entries.items():
         value, gradient, hessian = expand(entry, r, lowest, road)
-        exists = _exists(entry, vectors, span) & np.isfinite(value)
+        exists = _exists(entry, Invariants(vectors, vehicle=road), span) & np.isfinite(value)
         found[name] = Propagated(
             np.where(exists, value, np.nan),
             *(np.where(exists, x, np.nan) for x in _moments(gradient, hessian, covariance)),
@@ -66,9 +65,8 @@ def _propagate(fitted: Any, t: np.ndarray, entries: Mapping[str, PathQuantity], 
     return found
 
 
-def _exists(entry: PathQuantity, vectors: list[Triple], span: Any) -> Any:
+def _exists(entry: PathQuantity, i: Invariants, span: Any) -> Any:
     """Return where the vehicle moves, and the quantity exists."""
-    i = Invariants(vectors)
     return has_tangent(i, span) & EXISTS.get(entry.divisor or "", has_tangent)(i, span)
 
 

@@ -29,8 +29,9 @@ from qtraj.path.own_name import OwnName, name_of
 from qtraj.path.own_quantity import Quantity as OwnQuantity
 from qtraj.path.path_quantity import VEHICLE, PathQuantity
 from qtraj.path.quantity import QUANTITIES, quantity
+from qtraj.path.road_parameters import NO_VEHICLE
 from qtraj.path.sides import upper_side
-from qtraj.path.vehicle import NO_VEHICLE, Vehicle, fixed_parameters, require, require_vehicle
+from qtraj.path.vehicle import Vehicle, fixed_parameters, require, require_vehicle
 from qtraj.path.vehicle_data import batch_of
 
 if TYPE_CHECKING:
