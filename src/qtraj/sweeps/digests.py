@@ -122,8 +122,8 @@ def _object(value: Any, seen: set[int]) -> Iterator[bytes]:
         yield from _parts(vars(value), seen)
     else:
         raise ValueError(
-            f"the function of the sweep reads {value!r}, whose content is unknown, so that a changed function could not "
-            "be recognized: create this object inside the function, or pass numbers instead"
+            f"the function of the sweep reads {value!r}, whose content is unknown, so changes would pass unnoticed: "
+            "create this object inside the function, or pass numbers instead"
         )
 
 

@@ -85,7 +85,7 @@ def as_values(values: Any, name: str) -> np.ndarray:
         raise ValueError(f"{name} must be a list of numbers ({error})") from None
     array = array.reshape(1) if array.ndim == 0 else array
     if array.ndim != 1 or array.dtype.kind not in "biuf":
-        raise ValueError(f"{name} must be numbers, integers or bools in one dimension, but {described(values)} was given")
+        raise ValueError(f"{name} must be numbers or bools in one dimension, but {described(values)} was given")
     if not array.size:
         raise ValueError(f"{name} must contain at least one value, but none was given")
     if array.dtype.kind == "f" and not np.isfinite(array).all():

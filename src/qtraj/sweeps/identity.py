@@ -20,21 +20,18 @@ ADVICE = "pass another folder, or remove this one to compute it anew"
 def identity(
     function: Callable[..., Any],
     parameters: Mapping[str, Any],
-    dependent: Mapping[str, Callable[..., Any]],
-    seed: int,
     settings: Mapping[str, Any],
 ) -> Identity:
     """Return the identity of a sweep: its function, parameters, seed, dtype, versions and settings.
 
     `settings` are further values on which the store depends, by name.
     """
-    own = {f"the parameter '{name}'": digest(dependent.get(name, value)) for name, value in parameters.items()}
+    own = {f"the parameter '{name}'": digest(value) for name, value in parameters.items()}
     return {
         "the name of the function": name_of(function),
         "the function": digest(function),
         "the order of the parameters": ", ".join(parameters),
         **own,
-        "the seed": str(seed),
         "the default dtype": "float64" if jax.config.read("jax_enable_x64") else "float32",
         "the version of qtraj": __version__,
         "the version of JAX": jax.__version__,

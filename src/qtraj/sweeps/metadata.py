@@ -52,7 +52,9 @@ def write_metadata(
             overwrite=True,
             zarr_format=3,
         )
-    with warnings.catch_warnings():  # that consolidated metadata are not part of the format 3 yet; all readers know them
+    with (
+        warnings.catch_warnings()
+    ):  # that consolidated metadata are not part of the format 3 yet; all readers know them
         warnings.simplefilter("ignore")
         zarr.consolidate_metadata(target)
     group = store.folder / "zarr.json"  # whose arrays are in the order of the file system

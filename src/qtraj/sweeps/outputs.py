@@ -22,7 +22,7 @@ FATAL = (MemoryError, OSError)
 """Errors of the machine, not of a point."""
 
 
-class WrongOutput(ValueError):
+class WrongOutputError(ValueError):
     """The function returned other names, shapes or types than for the first points."""
 
 
@@ -55,13 +55,13 @@ class Outcome(NamedTuple):
 def schema_of(result: Any, count: int | None) -> Schema:
     """Return the schema of the result of a function for one point (`count` is None), or for `count` points.
 
-    **Raises:** WrongOutput if the result is not a mapping from names to numbers or arrays of numbers.
+    **Raises:** WrongOutputError if the result is not a mapping from names to numbers or arrays of numbers.
     """
     schema = {}
     for name, value in _mapping(result).items():
         array = _array(name, value)
         if count is not None and array.shape[:1] != (count,):
-            raise WrongOutput(
+            raise WrongOutputError(
                 f"the function must return one row for each of {count} points, but the output '{name}' has the shape "
                 f"{array.shape}"
             )
@@ -75,8 +75,8 @@ def call(
 ) -> Outcome:
     """Return the outcome of `count` points.
 
-    **Raises:** WrongOutput for other names, shapes or types than those in `schema`; for a `batch`, any error of the
-    function.
+    **Raises:** WrongOutputError for other names, shapes or types than those in `schema`; for a `batch`, any error of
+    the function.
     """
     outcome = Outcome(
         {name: np.full((count, *x.shape), x.fill, x.dtype) for name, x in schema.items()},
@@ -98,8 +98,8 @@ def call(
                 continue
             try:
                 _fill(outcome, k, result, schema, ())
-            except WrongOutput as error:
-                raise WrongOutput(f"{error}; the parameters of this point are {_text(point)}") from None
+            except WrongOutputError as error:
+                raise WrongOutputError(f"{error}; the parameters of this point are {_text(point)}") from None
     _find_nan(outcome)
     return outcome
 
@@ -113,12 +113,12 @@ def _fill(outcome: Outcome, place: Any, result: Any, schema: Schema, rows: tuple
     for name, output in schema.items():
         array = _array(name, given[name])
         if array.shape != (*rows, *output.shape):
-            raise WrongOutput(
+            raise WrongOutputError(
                 f"the output '{name}' has the shape {array.shape}, but {(*rows, *output.shape)} was expected, as for "
                 "the first points"
             )
         if not np.can_cast(array.dtype, output.dtype, "same_kind"):
-            raise WrongOutput(
+            raise WrongOutputError(
                 f"the output '{name}' has the dtype {array.dtype}, but {np.dtype(output.dtype)} was expected, as for "
                 "the first points: always return the same type, such as float(x)"
             )
@@ -127,7 +127,7 @@ def _fill(outcome: Outcome, place: Any, result: Any, schema: Schema, rows: tuple
         outcome.status[place] = np.where(failed, FAILED, OK)
         for name, output in schema.items():
             if output.dtype[1] == "f":
-                wide = failed.reshape(*rows, *(1 for _ in output.shape))
+                wide = failed.reshape((*rows, *(1 for _ in output.shape)))
                 outcome.values[name][place] = np.where(wide, output.fill, outcome.values[name][place])
 
 
@@ -142,7 +142,7 @@ def _find_nan(outcome: Outcome) -> None:
 
 def _mapping(result: Any) -> Mapping[str, Any]:
     if not isinstance(result, Mapping) or not result or not all(isinstance(name, str) for name in result):
-        raise WrongOutput(
+        raise WrongOutputError(
             "the function of a sweep must return a dictionary from names to numbers or arrays, such as "
             f"{{'duration': 3.5}}, but returned {described(result)}"
         )
@@ -152,7 +152,7 @@ def _mapping(result: Any) -> Mapping[str, Any]:
 def _array(name: str, value: Any) -> np.ndarray:
     array = np.asarray(value)
     if array.dtype.kind not in "biuf":
-        raise WrongOutput(
+        raise WrongOutputError(
             f"the output '{name}' must be a number, an array of numbers, or a bool, but the function returned "
             f"{described(value)}"
         )
@@ -162,7 +162,9 @@ def _array(name: str, value: Any) -> np.ndarray:
 def _failed(value: Any, rows: tuple[int, ...]) -> np.ndarray:
     failed = np.asarray(value)
     if failed.dtype != bool or failed.shape not in ((), rows):
-        raise WrongOutput(f"the output 'failed' must be one bool for each point, but {described(value)} was returned")
+        raise WrongOutputError(
+            f"the output 'failed' must be one bool for each point, but {described(value)} was returned"
+        )
     return np.broadcast_to(failed, rows)
 
 
@@ -170,11 +172,11 @@ def _refuse_names(given: Mapping[str, Any], schema: Schema) -> None:
     known = tuple(schema)
     missing, unknown = [n for n in known if n not in given], [n for n in given if n not in schema]
     if unknown:
-        raise WrongOutput(
+        raise WrongOutputError(
             f"the function returned '{unknown[0]}', which it did not return for the first points; "
             f"{suggestion(unknown[0], known, 'outputs')}"
         )
-    raise WrongOutput(f"the function did not return '{missing[0]}', which it returned for the first points")
+    raise WrongOutputError(f"the function did not return '{missing[0]}', which it returned for the first points")
 
 
 def _text(point: Mapping[str, Any]) -> str:

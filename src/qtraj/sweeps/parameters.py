@@ -49,10 +49,9 @@ def rows_of(
 
 
 def description(rows: Rows, arrays: Mapping[str, np.ndarray]) -> dict[str, Any]:
-    """Return what determines the parameters, except for dependent parameters: values, or objects with a `repr`."""
+    """Return what determines each parameter: values, a distribution, or a function."""
     known: dict[str, Any] = {**rows.grids, **arrays, **rows.random}
-    about = {name: known.get(name, "a function") for name in rows.names}
-    return about | {"the number of samples": rows.samples, "the design": rows.design}
+    return {name: known.get(name, rows.dependent.get(name)) for name in rows.names}
 
 
 def _kind(value: Any) -> str:
@@ -90,7 +89,9 @@ def _samples(columns: Mapping[str, Column], random: Mapping[str, Distribution], 
         return next(iter(lengths.values()), 1)
     require_whole(samples, "samples", 1)
     if columns and samples != next(iter(lengths.values())):
-        raise ValueError(f"samples is {samples}, but the columns have {next(iter(lengths.values()))} values: omit samples")
+        raise ValueError(
+            f"samples is {samples}, but the columns have {next(iter(lengths.values()))} values: omit samples"
+        )
     if not random and not columns:
         raise ValueError("samples needs a random parameter, such as Uniform(0, 1), but there is none")
     return samples

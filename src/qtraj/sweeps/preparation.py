@@ -1,5 +1,6 @@
 """Prepare a sweep: read its arguments, open its store, and learn the outputs of its function from a few points."""
 
+import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,10 +12,10 @@ import numpy as np
 from qtraj.foundation.argument import described, require_whole
 from qtraj.sweeps.identity import Identity, fingerprint, identity
 from qtraj.sweeps.metadata import attributes_of, write_metadata
-from qtraj.sweeps.outputs import FATAL, Schema, WrongOutput, schema_of
+from qtraj.sweeps.outputs import FATAL, Schema, WrongOutputError, schema_of
 from qtraj.sweeps.parameters import RESERVED, description, require_known, rows_of
 from qtraj.sweeps.rows import Rows
-from qtraj.sweeps.shards import Plan, parameter_outputs
+from qtraj.sweeps.shards import Plan
 from qtraj.sweeps.store import Store
 from qtraj.sweeps.summaries import Histogram
 
@@ -74,15 +75,16 @@ def store_of(request: Request, folder: Path) -> Prepared:
     store = Store(folder, rows.count, size)
     histograms = {name: _histogram(name, bounds) for name, bounds in request.histograms.items()}
     settings = {
+        "the seed": request.seed,
+        "the number of samples": rows.samples,
+        "the design of the samples": rows.design,
         "the number of points of a shard": size,
         "the argument 'batch'": request.is_batch,
         "the argument 'keep'": request.keep,
         "the argument 'histograms'": {name: tuple(x) for name, x in sorted(histograms.items())},
         "the argument 'units'": dict(sorted(_units(request).items())),
     }
-    about = description(rows, arrays)
-    dependent = {name: rows.dependent[name] for name in rows.dependent}
-    own = identity(request.function, about, dependent, request.seed, settings)
+    own = identity(request.function, description(rows, arrays), settings)
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"{folder}: a folder for the store was expected, but this is a file")
     if folder.is_dir() and not store.own.exists() and any(folder.iterdir()):
@@ -102,9 +104,7 @@ def plan_of(request: Request, prepared: Prepared) -> Plan:
     known = {} if schema is None else schema
     x64 = bool(jax.config.read("jax_enable_x64"))
     mark = fingerprint(prepared.identity)
-    plan = Plan(
-        store, rows, request.function, request.is_batch, known, mark, x64, request.keep, prepared.histograms
-    )
+    plan = Plan(store, rows, request.function, request.is_batch, known, mark, x64, request.keep, prepared.histograms)
     if schema is None:
         schema = _learned(request.function, request.is_batch, rows)
         plan = Plan(
@@ -126,7 +126,7 @@ def _learned(function: Callable[..., Any], batch: bool, rows: Rows) -> Schema:
         try:
             given: Any = points if batch else {name: values[0].item() for name, values in points.items()}
             schema = schema_of(function(dict(given)), 1 if batch else None)
-        except (WrongOutput, *FATAL):
+        except (WrongOutputError, *FATAL):
             raise
         except Exception as error:
             first = first or error
@@ -140,12 +140,12 @@ def _learned(function: Callable[..., Any], batch: bool, rows: Rows) -> Schema:
 
 def _checked(schema: Schema, rows: Rows) -> Schema:
     if not schema:
-        raise WrongOutput("the function returns no output except 'failed'")
+        raise WrongOutputError("the function returns no output except 'failed'")
     for name in schema:
         if name in rows.names:
-            raise WrongOutput(f"the output '{name}' has the name of a parameter: return it under another name")
+            raise WrongOutputError(f"the output '{name}' has the name of a parameter: return it under another name")
         if name in RESERVED or "/" in name or name.startswith((".", "__")) or not name:
-            raise WrongOutput(f"an output cannot have the name '{name}': return it under another name")
+            raise WrongOutputError(f"an output cannot have the name '{name}': return it under another name")
     return schema
 
 
@@ -165,17 +165,15 @@ def _shard_size(request: Request, points: int) -> int:
 
 
 def _histogram(name: str, bounds: Any) -> Histogram:
-    try:
+    with contextlib.suppress(TypeError, ValueError):
         histogram = Histogram(*bounds)
-        valid = bool(np.isfinite(bounds).all()) and histogram.low < histogram.high and int(histogram.bins) > 0
-    except TypeError:
-        valid = False
-    if not valid:
-        raise ValueError(
-            f"the histogram of '{name}' must be (low, high) or (low, high, bins), with low < high, but "
-            f"{described(bounds)} was given"
-        )
-    return Histogram(float(histogram.low), float(histogram.high), int(histogram.bins))
+        low, high, bins = float(histogram.low), float(histogram.high), int(histogram.bins)
+        if np.isfinite((low, high)).all() and low < high and bins > 0:
+            return Histogram(low, high, bins)
+    raise ValueError(
+        f"the histogram of '{name}' must be (low, high) or (low, high, bins), with low < high, but "
+        f"{described(bounds)} was given"
+    )
 
 
 def _units(request: Request) -> Mapping[str, str]:

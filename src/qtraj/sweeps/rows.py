@@ -65,7 +65,7 @@ class Rows:
 
     def _on_grids(self, cells: np.ndarray) -> dict[str, np.ndarray]:
         values: dict[str, np.ndarray] = {}
-        for name, grid in reversed(self.grids.items()):
+        for name, grid in reversed([*self.grids.items()]):
             cells, place = np.divmod(cells, len(grid))
             values[name] = grid[place]
         return values

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import islice
 from typing import Any
 
-from qtraj.sweeps.outputs import WrongOutput
+from qtraj.sweeps.outputs import WrongOutputError
 from qtraj.sweeps.shards import Done, Plan, compute
 
 AHEAD = 3
@@ -31,7 +31,7 @@ def run_here(plan: Plan, shards: Iterable[int], retries: int) -> Iterator[Ended]
         ended: Done | Exception | None = None
         for _ in range(retries + 1):
             ended = _attempt(plan, k)
-            if isinstance(ended, Done | WrongOutput):
+            if isinstance(ended, Done | WrongOutputError):
                 break
         if ended is not None:
             require_space(ended)
@@ -93,7 +93,7 @@ def _attempt(plan: Plan, k: int) -> Done | Exception:
 def _attempt_on_worker(plan: Plan, k: int) -> Done | Exception:
     """Return an error that another attempt would repeat, and raise all others, so that Dask tries again."""
     ended = _attempt(plan, k)
-    if isinstance(ended, WrongOutput) or (isinstance(ended, OSError) and ended.errno in NO_SPACE):
+    if isinstance(ended, WrongOutputError) or (isinstance(ended, OSError) and ended.errno in NO_SPACE):
         return ended
     if isinstance(ended, Exception):
         raise ended

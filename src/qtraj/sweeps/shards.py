@@ -59,6 +59,13 @@ class Done(NamedTuple):
     seconds: float
 
 
+MOST_PLANS = 16
+"""Number of plans that a process keeps."""
+
+_PLANS: dict[tuple[str, Store], Plan] = {}
+"""The plans of this process: each task brings its own copy of the function, but only the first one is compiled."""
+
+
 def parameter_outputs(rows: Rows) -> dict[str, Output]:
     """Return the dtypes of the parameters in the store."""
     first = rows.at(0, 1)
@@ -68,9 +75,10 @@ def parameter_outputs(rows: Rows) -> dict[str, Output]:
 def compute(plan: Plan, k: int) -> Done:
     """Compute a shard, write its chunks and then its entry in the ledger; do nothing if it is finished.
 
-    **Raises:** WrongOutput for outputs that differ from the schema; OSError if the disk is full; errors of a function
-    for batches.
+    **Raises:** WrongOutputError for outputs that differ from the schema; OSError if the disk is full; errors of a
+    function for batches.
     """
+    plan = _first_copy(plan)
     start, stop = plan.store.span(k)
     if plan.is_finished(k):
         entry = plan.store.entry(k, plan.fingerprint) or {"failed": 0}
@@ -95,6 +103,12 @@ def compute(plan: Plan, k: int) -> Done:
         },
     )
     return Done(stop - start, failed, seconds)
+
+
+def _first_copy(plan: Plan) -> Plan:
+    if len(_PLANS) > MOST_PLANS:
+        _PLANS.clear()
+    return _PLANS.setdefault((plan.fingerprint, plan.store), plan)
 
 
 def _write(plan: Plan, k: int, points: Mapping[str, np.ndarray], outcome: Outcome) -> dict[str, int]:

@@ -59,12 +59,12 @@ def _counts(values: np.ndarray, histogram: Histogram) -> list[int]:
 class Summary(NamedTuple):
     """The values of one output at the successful points; arrays have the shape of the output for one point.
 
-    `count`: the number of successful points. `minimum_point`, `maximum_point`: the first points with the extreme
+    `successes`: the number of successful points. `minimum_point`, `maximum_point`: the first points with the extreme
     values, as numbers of points. `mean`: for a bool, the share of points where it is true. `histogram`: numbers of
     values below `bounds`, in bins of equal width between them, and above; None if it was not requested.
     """
 
-    count: int
+    successes: int
     mean: np.ndarray
     minimum: np.ndarray
     minimum_point: np.ndarray

@@ -8,16 +8,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import jax
-
-from qtraj.foundation.argument import described, require_type, require_whole
+from qtraj.foundation.argument import require_type, require_whole
 from qtraj.foundation.extras import require_package
 from qtraj.foundation.progress import Progress, Report
 from qtraj.foundation.reporting import reporting
 from qtraj.foundation.size_text import duration_text
 from qtraj.sweeps.local_cluster import local_client
 from qtraj.sweeps.lock import locked
-from qtraj.sweeps.outputs import WrongOutput
+from qtraj.sweeps.outputs import WrongOutputError
 from qtraj.sweeps.preparation import Request, plan_of, store_of
 from qtraj.sweeps.runs import Ended, run_here, run_on
 from qtraj.sweeps.shards import Done, Plan
@@ -98,9 +96,7 @@ def sweep(
         require_whole(workers, "workers")
     if client is not None and workers is not None:
         raise ValueError("client and workers were both given: pass one of them")
-    request = Request(
-        function, parameters, samples, design, seed, batch, shard, keep, histograms or {}, units
-    )
+    request = Request(function, parameters, samples, design, seed, batch, shard, keep, histograms or {}, units)
     folder = Path(_folder(out)).absolute()
     prepared = store_of(request, folder)
     with locked(prepared.store.own / "lock"), reporting(progress) as report:
@@ -130,13 +126,13 @@ def _runner(client: Any, workers: int | None, needed: bool) -> Iterator[Callable
 def _collected(plan: Plan, missing: Sequence[int], ended: Iterator[Ended], report: Report | None) -> Swept:
     """Return the result of a sweep after all missing shards have ended.
 
-    **Raises:** WrongOutput if a shard ended with it.
+    **Raises:** WrongOutputError if a shard ended with it.
     """
     store = plan.store
     start = store.points - sum(stop - first for first, stop in map(store.span, missing))
     done, began = start, time.monotonic()
     errors: list[ShardError] = []
-    wrong: WrongOutput | None = None
+    wrong: WrongOutputError | None = None
     for k, result in ended:
         first, stop = store.span(k)
         if isinstance(result, Done):
@@ -144,7 +140,7 @@ def _collected(plan: Plan, missing: Sequence[int], ended: Iterator[Ended], repor
         else:
             text = f"{type(result).__name__}: {result}"
             errors.append(ShardError(first, stop, plan.rows.point(first), text))
-            wrong = result if isinstance(result, WrongOutput) else wrong
+            wrong = result if isinstance(result, WrongOutputError) else wrong
         if report is not None:
             report(Progress(_rate(done - start, store.points - done, time.monotonic() - began), done, store.points))
     if wrong is not None:
