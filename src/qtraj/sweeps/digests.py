@@ -48,7 +48,7 @@ def _parts(value: Any, seen: set[int]) -> Iterator[bytes]:
     if isinstance(value, str | bytes | int | float | complex | Path | type(None) | np.generic | np.dtype):
         yield f"{type(value).__name__} {value!r}".encode()
     elif isinstance(value, np.ndarray | jax.Array):
-        array = np.asarray(value)
+        array = np.asarray(jax.random.key_data(value) if _is_key(value) else value)
         if array.dtype.hasobject:
             yield from _parts(array.tolist(), seen)
             return
@@ -59,6 +59,10 @@ def _parts(value: Any, seen: set[int]) -> Iterator[bytes]:
     else:
         seen.add(id(value))
         yield from _compound(value, seen)
+
+
+def _is_key(value: Any) -> bool:
+    return isinstance(value, jax.Array) and jax.dtypes.issubdtype(value.dtype, jax.dtypes.prng_key)
 
 
 def _compound(value: Any, seen: set[int]) -> Iterator[bytes]:
