@@ -121,7 +121,9 @@ def _object(value: Any, seen: set[int]) -> Iterator[bytes]:
     """Yield the class and the fields of an object, or the leaves of a pytree."""
     yield from _named(type(value))
     if dataclasses.is_dataclass(value):
-        yield from _parts({field.name: getattr(value, field.name) for field in dataclasses.fields(value)}, seen)
+        yield from _parts(
+            {field.name: getattr(value, field.name) for field in dataclasses.fields(value) if field.compare}, seen
+        )
     elif hasattr(value, "__dict__"):
         yield from _parts(vars(value), seen)
     else:

@@ -22,6 +22,9 @@ from qtraj.sweeps.summaries import Histogram
 BATCH, SINGLE = 16384, 1024
 """Default numbers of points of a shard, for batches and for single points."""
 
+SMALLEST = 16
+"""Default smallest number of points of a batch."""
+
 FEWEST_SHARDS = 32
 """Number of shards of a small sweep, for a balanced load."""
 
@@ -155,7 +158,7 @@ def _shard_size(request: Request, points: int) -> int:
         size = request.shard
     else:
         usual = getattr(request.function, "shard", BATCH if request.is_batch else SINGLE)
-        size = max(1, min(usual, -(-points // FEWEST_SHARDS)))
+        size = min(usual, max(SMALLEST if request.is_batch else 1, -(-points // FEWEST_SHARDS)))
     if points > MOST_SHARDS * size:
         raise ValueError(
             f"{points} points in shards of {size} are {-(-points // size)} shards, but a store has at most "
