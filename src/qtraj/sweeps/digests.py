@@ -138,10 +138,13 @@ def _source(thing: Any) -> bytes:
         return inspect.getsource(thing).encode()
     except (OSError, TypeError):  # typed at a prompt
         code = getattr(thing, "__code__", None)
-        if code is None:
-            return b""
-        constants = [x for x in code.co_consts if not isinstance(x, types.CodeType)]
-        return repr((code.co_code, constants, code.co_names)).encode()
+        return b"" if code is None else digest(_code(code)).encode()
+
+
+def _code(code: types.CodeType) -> tuple[Any, ...]:
+    """Return what a compiled function does, with the functions inside it."""
+    constants = [_code(x) if isinstance(x, types.CodeType) else x for x in code.co_consts]
+    return code.co_code, constants, code.co_names
 
 
 def _is_installed(thing: Any) -> bool:

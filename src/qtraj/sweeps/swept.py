@@ -1,5 +1,7 @@
 """The result of a sweep: its store, its failed points, and the summaries of its outputs."""
 
+from __future__ import annotations  # so that `help` shows short names
+
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -54,6 +56,9 @@ class Swept:
     errors: tuple[ShardError, ...]
     plan: Plan = field(repr=False)
 
+    def __repr__(self) -> str:
+        return f"Swept({self.result.rstrip('.')} in {self.folder})"
+
     @property
     def successful(self) -> bool:
         """Whether all points were computed; some of them may have failed."""
@@ -98,7 +103,7 @@ class Swept:
             raise ValueError(f"the points have the numbers 0 to {self.points - 1}, but {point} was given")
         return self.plan.rows.point(int(point))
 
-    def to_xarray(self, grid: bool = False) -> "xarray.Dataset":
+    def to_xarray(self, grid: bool = False) -> xarray.Dataset:
         """Open the store as a dataset, whose values are read when they are used (extra `sweep`).
 
         The dimension `point` has the parameters as coordinates. With `grid=True`, which loads all values, each
@@ -121,7 +126,7 @@ class Swept:
         meanings = [STATUSES[code] for code in status[at]]
         return {"point": start + at, **points, "status": meanings, "text": [texts.get(int(k), "") for k in start + at]}
 
-    def _on_grid(self, dataset: "xarray.Dataset") -> "xarray.Dataset":
+    def _on_grid(self, dataset: xarray.Dataset) -> xarray.Dataset:
         rows = self.plan.rows
         if rows.samples != 1 or not self.plan.keep:
             raise ValueError("grid=True needs a sweep over grids only, whose points were kept: omit it")
