@@ -71,7 +71,7 @@ def evaluate(
     require_whole(instants, "instants", 2)
     units = {name: CHANNELS[name].unit for name in outputs if name in CHANNELS and reduce != "integral"}
     options = {"outputs": tuple(outputs), "reduce": reduce, "instants": instants, **options}
-    return Ready(_evaluated, path, options, 1 << 18, units)
+    return Ready(_evaluated, path, options, 1 << 16, units)
 
 
 def certify(path: Callable[[Point], Any], limits: Limits | Callable[[Point], Limits]) -> Ready:

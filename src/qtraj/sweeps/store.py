@@ -61,20 +61,20 @@ class Store:
         file = self.own / "identity.json"
         if file.exists():
             require_same(self.folder, read_json(file), identity)
-            self._clear_staging()
+            self.clear_staging()
             return
         others = [x.name for x in self.folder.iterdir() if x.name != self.own.name]
         if others:
             raise ValueError(
                 f"{self.folder}: this folder contains other files, such as {sorted(others)[0]}: pass a new folder"
             )
-        self._clear_staging()
+        self.clear_staging()
         for folder in (self.columns, self.own / "ledger"):
             folder.mkdir(exist_ok=True)
         for k, values in enumerate(arrays.values()):
             np.save(self._staging / "column.npy", values)
             write_whole(self.columns / f"{k}.npy", (self._staging / "column.npy").read_bytes(), self._staging)
-        self._clear_staging()
+        self.clear_staging()
         self.write_json(file, identity)
 
     def schema(self) -> Schema | None:
@@ -93,7 +93,8 @@ class Store:
         if len(values) < self.shard:
             rest = np.full((self.shard - len(values), *values.shape[1:]), fill, values.dtype)
             values = np.concatenate([values, rest])
-        content = np.ascontiguousarray(values, values.dtype.newbyteorder("<")).tobytes()
+        plain = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
+        content = memoryview(plain.view(np.uint8).reshape(-1))
         file = self._chunk(name, k, values.ndim)
         file.parent.mkdir(parents=True, exist_ok=True)
         write_whole(file, content, self._staging, flush=False)
@@ -145,8 +146,8 @@ class Store:
     def _staging(self) -> Path:
         return self.own / "staging"
 
-    def _clear_staging(self) -> None:
-        """Remove unfinished files of killed processes."""
+    def clear_staging(self) -> None:
+        """Remove unfinished files of killed processes; requires the lock."""
         shutil.rmtree(self._staging, ignore_errors=True)
         self._staging.mkdir(parents=True, exist_ok=True)
 

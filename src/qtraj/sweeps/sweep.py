@@ -103,7 +103,9 @@ def sweep(
         plan = plan_of(request, prepared)
         missing = [k for k in range(plan.store.shards) if not plan.is_finished(k)]
         with _runner(client, workers, bool(missing)) as run:
-            return _collected(plan, missing, run(plan, missing, retries), report)
+            swept = _collected(plan, missing, run(plan, missing, retries), report)
+        plan.store.clear_staging()
+        return swept
 
 
 def _folder(out: Any) -> Any:
