@@ -81,7 +81,7 @@ def test_other_runs_of_paths(run, name):
     if name == "certify":
         checked = [qt.certify(path, qt.Limits(curvature=0.15, lateral_acceleration=x)) for x in (1.0, 2.0, 3.0)]
         np.testing.assert_array_equal(dataset["holds"], [x.holds for x in checked])
-        np.testing.assert_allclose(dataset["lateral_acceleration"], checked[0].worst["lateral_acceleration"][1])
+        np.testing.assert_allclose(dataset["worst_lateral_acceleration"], checked[0].worst["lateral_acceleration"][1])
     elif name == "evaluate":
         np.testing.assert_allclose(dataset["lateral_acceleration"], 2.5, rtol=1e-9)
     else:  # a circle with a radius of 10 m at its largest speed
@@ -121,7 +121,7 @@ def test_points_that_are_no_scenario_fail_and_the_rest_is_computed(run):
     assert code == 0
     assert content["failed"] == 1
     assert dataset["status"].values.tolist() == [2, 0, 0]
-    assert np.isnan(dataset["curvature"].values).tolist() == [True, False, False]
+    assert np.isnan(dataset["worst_curvature"].values).tolist() == [True, False, False]
     assert dataset["holds"].values.tolist() == [False, False, False]
 
 

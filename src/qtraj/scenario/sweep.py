@@ -18,6 +18,7 @@ from qtraj.scenario import KINDS, sweep_runs
 from qtraj.scenario.path import PathTask
 from qtraj.scenario.reader import ScenarioFile, nearest_kind, scenario_in
 from qtraj.scenario.sweep_part import SweepPart
+from qtraj.sweeps import results
 
 KIND_OF = {
     "tune": "path",
@@ -73,7 +74,7 @@ class ScenarioFunction:
     @property
     def units(self) -> dict[str, str]:
         """The units of parameters and outputs."""
-        return {**UNITS, **sweep_runs.UNITS, **{name: q.unit for name, q in QUANTITIES.items()}}
+        return {**UNITS, **results.UNITS, **{name: q.unit for name, q in QUANTITIES.items()}}
 
     def __call__(self, points: Mapping[str, np.ndarray]) -> dict[str, Any]:
         """Return the outputs of all points; points that are no valid scenario fail.
@@ -108,7 +109,7 @@ class ScenarioFunction:
                 first = first or error
         if first is not None and not parts:
             raise first
-        return sweep_runs.joined(parts), places
+        return results.joined(parts), places
 
     def task(self, point: Mapping[str, Any]) -> Any:
         """Return the task of one point.

@@ -8,28 +8,17 @@ import numpy as np
 
 from qtraj.batch.evaluate import evaluate
 from qtraj.design.proof.certify import certify
-from qtraj.foundation.outcome import FAILURES
 from qtraj.motion.simulation.simulate import simulate
 from qtraj.scenario.loop import LoopTask
 from qtraj.scenario.path import PathTask
 from qtraj.scenario.route import RouteTask
+from qtraj.sweeps import results
 from qtraj.sweeps.digests import digest
+from qtraj.sweeps.results import Outputs
 
 INSTANTS = 65
 """Number of instants at which 'evaluate' evaluates a path."""
 
-UNITS = {
-    "duration": "s",
-    "start_velocity": "m s-1",
-    "end_velocity": "m s-1",
-    "start_speed": "m s-1",
-    "end_speed": "m s-1",
-    "final_angle": "rad",
-    "peak_angle": "rad",
-}
-"""Units of outputs other than path quantities."""
-
-Outputs = dict[str, Any]
 
 BATCHED = ("start", "end", "limits", "duration", "turn")
 """Arguments of `qtraj.tune` that may differ within a batch."""
@@ -43,23 +32,27 @@ def tuned(tasks: Sequence[PathTask]) -> Outputs:
     shared = [{name: x for name, x in a.items() if name not in BATCHED} for a in arguments]
     own = [{name: a[name] for name in BATCHED} for a in arguments]
     if len({digest(x) for x in shared}) > 1 or (batch := _batch(own)) is None:
-        return joined([tuned([task]) for task in tasks]) if len(tasks) > 1 else _one(tune(**arguments[0]))
-    return _tuning(tune(**batch, **shared[0]))
+        return (
+            results.joined([tuned([task]) for task in tasks])
+            if len(tasks) > 1
+            else _first(results.of_tuned(tune(**arguments[0])))
+        )
+    return results.of_tuned(tune(**batch, **shared[0]))
 
 
 def certified(tasks: Sequence[PathTask]) -> Outputs:
     """Check the limits of all tasks, in one batch if their paths and limits differ in numbers only."""
     batch = _batch([{"path": task.path, "limits": task.limits} for task in tasks])
     if batch is None:
-        return joined([_findings(_first(certify(task.path, task.limits))) for task in tasks])
-    return _findings(certify(**batch))
+        return results.joined([results.of_certificate(_first(certify(task.path, task.limits))) for task in tasks])
+    return results.of_certificate(certify(**batch))
 
 
 def evaluated(tasks: Sequence[PathTask], outputs: tuple[str, ...], reduce: str) -> Outputs:
     """Evaluate the paths of all tasks, and reduce each output over time."""
     paths = _batch([{"path": task.path} for task in tasks])
     if paths is None:
-        return joined([evaluated([task], outputs, reduce) for task in tasks])
+        return results.joined([evaluated([task], outputs, reduce) for task in tasks])
     vehicles = _batch([{"vehicle": task.limits.vehicle} for task in tasks]) or {"vehicle": None}
     times = np.linspace(0.0, 1.0, INSTANTS) * np.asarray(paths["path"].duration)[:, None]
     reduced = evaluate(paths["path"], times, outputs, reduce=reduce, **vehicles)
@@ -70,25 +63,17 @@ def retimed(tasks: Sequence[PathTask]) -> Outputs:
     """Compute the fastest timing of the path of each task."""
     from qtraj.design.timing.retime import retime
 
-    rows = []
-    for task in tasks:
-        timed = retime(task.path, task.limits.on_timing())
-        start, end = np.asarray(timed.speeds).tolist()
-        found = {"duration": float(timed.duration), "start_speed": start, "end_speed": end}
-        rows.append({**found, **_findings(timed.certificate), **_codes(timed.code)})
-    return joined([{name: np.asarray(x)[None] for name, x in row.items()} for row in rows])
+    return results.stacked([results.of_timing(retime(task.path, task.limits.on_timing())) for task in tasks])
 
 
 def routed(tasks: Sequence[RouteTask]) -> Outputs:
-    """Tune the route of each task."""
-    rows = []
-    for task in tasks:
-        if task.tuning is None:
-            raise ValueError("a sweep of routes needs the table [tune] in the scenario")
-        best = task.tuning(lambda _: None)
-        found = {"objective": float(best.objective), "duration": float(best.path.duration)}
-        rows.append({**found, **_findings(best.certificate), **_codes(best.code)})
-    return joined([{name: np.asarray(x)[None] for name, x in row.items()} for row in rows])
+    """Tune the route of each task.
+
+    **Raises:** ValueError if the scenario has no table [tune].
+    """
+    if tasks[0].tuning is None:
+        raise ValueError("a sweep of routes needs the table [tune] in the scenario")
+    return results.stacked([results.of_route(task.tuning(lambda _: None)) for task in tasks if task.tuning])
 
 
 FLIGHTS = 256
@@ -103,13 +88,15 @@ def simulated(tasks: Sequence[LoopTask]) -> Outputs:
     shared = [{name: a[name] for name in fixed} for a in arguments]
     batch = None if len({digest(x) for x in shared}) > 1 else _batch(own)
     if batch is None:
-        return joined([simulated([task]) for task in tasks]) if len(tasks) > 1 else _one_flight(own[0], shared[0])
+        return (
+            results.joined([simulated([task]) for task in tasks]) if len(tasks) > 1 else _one_flight(own[0], shared[0])
+        )
     run = _flight(digest(shared[0]), shared[0])
     parts, count = [], len(tasks)
     for first in range(0, count, FLIGHTS):
         at = np.minimum(np.arange(first, first + min(FLIGHTS, count)), count - 1)
         parts.append(jax.tree.map(np.asarray, run(jax.tree.map(lambda x, k=at: x[k], batch))))
-    return _flights(*(np.concatenate(x)[:count] for x in zip(*parts, strict=True)))
+    return results.of_flights(*(np.concatenate(x)[:count] for x in zip(*parts, strict=True)))
 
 
 _COMPILED: dict[str, Callable[..., Any]] = {}
@@ -127,12 +114,7 @@ def _flight(key: str, shared: Mapping[str, Any]) -> Callable[..., Any]:
 
 def _one_flight(own: Mapping[str, Any], shared: Mapping[str, Any]) -> Outputs:
     motion = simulate(**own, **shared)
-    return _flights(*(np.asarray(x)[None] for x in (motion.angle, motion.peak_command, motion.code)))
-
-
-def _flights(angle: np.ndarray, command: np.ndarray, code: np.ndarray) -> Outputs:
-    measured = {"final_angle": angle[:, -1], "peak_angle": angle.max(axis=1), "peak_command": command}
-    return {**measured, **_codes(code)}
+    return results.of_flights(*(np.asarray(x)[None] for x in (motion.angle, motion.peak_command, motion.code)))
 
 
 RUNS: dict[str, Callable[..., Outputs]] = {
@@ -160,35 +142,6 @@ def _batch(trees: Sequence[dict[str, Any]]) -> dict[str, Any] | None:
     )
 
 
-def _tuning(best: Any) -> Outputs:
-    return {
-        "objective": np.asarray(best.objective),
-        "duration": np.asarray(best.path.duration),
-        "start_velocity": np.asarray(best.start.velocity),
-        "end_velocity": np.asarray(best.end.velocity),
-        **_findings(best.certificate),
-        **_codes(best.code),
-    }
-
-
-def _one(best: Any) -> Outputs:
-    return {name: np.asarray(x)[None] for name, x in _tuning(best).items()}
-
-
-def _first(certificate: Any) -> Any:
-    return jax.tree.map(lambda x: np.asarray(x)[None], certificate)
-
-
-def _findings(certificate: Any) -> Outputs:
-    worst = {str(name): np.asarray(value) for name, (_, value, _) in certificate.worst.items()}
-    return {"holds": np.asarray(certificate.holds), **worst}
-
-
-def _codes(codes: Any) -> Outputs:
-    codes = np.asarray(codes, np.int32)
-    return {"code": codes, "failed": codes >= FAILURES}
-
-
-def joined(parts: Sequence[Outputs]) -> Outputs:
-    """Return the outputs of several batches as those of one."""
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+def _first(tree: Any) -> Any:
+    """Return a result as a batch of one."""
+    return jax.tree.map(lambda x: np.asarray(x)[None], tree)

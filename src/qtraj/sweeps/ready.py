@@ -16,8 +16,8 @@ from qtraj.batch.evaluate import evaluate as evaluate_paths
 from qtraj.design.limits import Limits
 from qtraj.design.proof.certify import certify as certify_paths
 from qtraj.foundation.argument import require_whole
-from qtraj.foundation.outcome import FAILURES
 from qtraj.path.channel import CHANNELS
+from qtraj.sweeps import results
 
 Point = Mapping[str, Any]
 Points = Mapping[str, np.ndarray]
@@ -34,7 +34,7 @@ class Ready:
     problem: Any
     options: Mapping[str, Any]
     shard: int
-    units: Mapping[str, str] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=lambda: results.UNITS)
     batch: ClassVar[bool] = True
 
     def __call__(self, points: Points) -> dict[str, Any]:
@@ -77,8 +77,8 @@ def evaluate(
 def certify(path: Callable[[Point], Any], limits: Limits | Callable[[Point], Limits]) -> Ready:
     """Return a function for `sweep` that checks limits on the path of each point.
 
-    The outputs are `holds` (whether all limits are proved to be satisfied) and for each limit, such as `curvature`, its
-    worst value `curvature` and the time of that value `curvature_time` [s].
+    The outputs are `holds` (whether all limits are proved to be satisfied) and for each limit, such as the curvature,
+    its worst value `worst_curvature` and the time of that value `worst_curvature_time` [s].
 
     Args:
         path: A function of a point that returns its path, with the functions of JAX only, because it is compiled for
@@ -99,8 +99,8 @@ def tune(problem: Callable[[Point], tuple[Any, Any, Limits]], **options: Any) ->
     """Return a function for `sweep` that tunes the boundary velocities of each point.
 
     The outputs are `objective`, `duration` [s], `holds`, the `code` of the result (see `ResultCode`), the velocities
-    `start_velocity` and `end_velocity` [m/s], and the worst value of each limit, such as `curvature`. Points without a
-    solution count as failed.
+    `start_velocity` and `end_velocity` [m/s], and the worst value of each limit, such as `worst_curvature`. Points
+    without a solution count as failed.
 
     Args:
         problem: A function of a point that returns (start, end, limits), the first arguments of `qtraj.tune`.
@@ -115,7 +115,7 @@ def tune(problem: Callable[[Point], tuple[Any, Any, Limits]], **options: Any) ->
         >>> function({"speed": np.array([4.0, 6.0])})["holds"].tolist()
         [True, True]
     """
-    return Ready(_tuned, problem, options, 1024, {"duration": "s", "start_velocity": "m s-1", "end_velocity": "m s-1"})
+    return Ready(_tuned, problem, options, 1024)
 
 
 def tune_route(problem: Callable[[Point], tuple[Any, Limits]], **options: Any) -> Ready:
@@ -137,7 +137,7 @@ def tune_route(problem: Callable[[Point], tuple[Any, Limits]], **options: Any) -
         >>> sweeps.tune_route(street)({"acceleration": np.array([9.0])})["holds"].tolist()
         [True]
     """
-    return Ready(_each_route, problem, options, 64, {"duration": "s"})
+    return Ready(_each_route, problem, options, 64)
 
 
 def retime(problem: Callable[[Point], tuple[Any, Limits]], **options: Any) -> Ready:
@@ -157,7 +157,7 @@ def retime(problem: Callable[[Point], tuple[Any, Limits]], **options: Any) -> Re
         >>> function({"speed": np.array([2.0, 4.0])})["duration"].round(3).tolist()
         [4.0, 2.0]
     """
-    return Ready(_each_timing, problem, options, 256, {"duration": "s", "start_speed": "m s-1", "end_speed": "m s-1"})
+    return Ready(_each_timing, problem, options, 256)
 
 
 def simulate(flight: Callable[[Point], Any]) -> Ready:
@@ -182,7 +182,7 @@ def simulate(flight: Callable[[Point], Any]) -> Ready:
         >>> simulated["final_angle"].round(2).tolist()
         [0.0, 0.02]
     """
-    return Ready(_simulated, flight, {}, 16 * FLIGHTS, {"final_angle": "rad", "peak_angle": "rad"})
+    return Ready(_simulated, flight, {}, 16 * FLIGHTS)
 
 
 def _evaluated(path: Any, points: Points, outputs: Any, reduce: str, instants: int, **options: Any) -> dict[str, Any]:
@@ -194,48 +194,27 @@ def _evaluated(path: Any, points: Points, outputs: Any, reduce: str, instants: i
 
 def _certified(path: Any, points: Points, limits: Any) -> dict[str, Any]:
     checked = certify_paths(_mapped(path, points), limits if isinstance(limits, Limits) else _mapped(limits, points))
-    values = {}
-    for name, (times, worst, _) in checked.worst.items():
-        values |= {name: np.asarray(worst), f"{name}_time": np.asarray(times)}
-    return {"holds": np.asarray(checked.holds), **values}
+    times = {f"worst_{name}_time": np.asarray(time) for name, (time, _, _) in checked.worst.items()}
+    return {**results.of_certificate(checked), **times}
 
 
 def _tuned(problem: Any, points: Points, **options: Any) -> dict[str, Any]:
     from qtraj.design.tuning.tune import tune as tune_states  # imported here, because it imports optax
 
     problems = [problem(point) for point in _each(points)]
-    best = tune_states(*jax.tree.map(lambda *x: np.stack(x), *problems), **options)
-    return {
-        "objective": np.asarray(best.objective),
-        "duration": np.asarray(best.path.duration),
-        "start_velocity": np.asarray(best.start.velocity),
-        "end_velocity": np.asarray(best.end.velocity),
-        **_findings(best.certificate),
-        **_codes(best.code),
-    }
+    return results.of_tuned(tune_states(*jax.tree.map(lambda *x: np.stack(x), *problems), **options))
 
 
 def _each_route(problem: Any, points: Points, **options: Any) -> dict[str, Any]:
     from qtraj.design.tuning_route.tune_route import tune_route as tune_one
 
-    def one(point: Point) -> dict[str, Any]:
-        best = tune_one(*problem(point), **options)
-        found = {"objective": float(best.objective), "duration": float(best.path.duration)}
-        return {**found, **_findings(best.certificate), **_codes(best.code)}
-
-    return _stacked(map(one, _each(points)))
+    return results.stacked([results.of_route(tune_one(*problem(point), **options)) for point in _each(points)])
 
 
 def _each_timing(problem: Any, points: Points, **options: Any) -> dict[str, Any]:
     from qtraj.design.timing.retime import retime as retime_one
 
-    def one(point: Point) -> dict[str, Any]:
-        timed = retime_one(*problem(point), **options)
-        start, end = np.asarray(timed.speeds).tolist()
-        found = {"duration": float(timed.duration), "start_speed": start, "end_speed": end}
-        return {**found, **_findings(timed.certificate), **_codes(timed.code)}
-
-    return _stacked(map(one, _each(points)))
+    return results.stacked([results.of_timing(retime_one(*problem(point), **options)) for point in _each(points)])
 
 
 def _simulated(flight: Any, points: Points) -> dict[str, Any]:
@@ -244,9 +223,7 @@ def _simulated(flight: Any, points: Points) -> dict[str, Any]:
     for first in range(0, count, FLIGHTS):  # blocks of one size, which is compiled once
         at = np.minimum(np.arange(first, first + min(FLIGHTS, count)), count - 1)
         parts.append(jax.tree.map(np.asarray, mapped({name: values[at] for name, values in points.items()})))
-    angle, command, code = (np.concatenate(x)[:count] for x in zip(*parts, strict=True))
-    measured = {"final_angle": angle[:, -1], "peak_angle": angle.max(axis=1), "peak_command": command}
-    return {**measured, **_codes(code)}
+    return results.of_flights(*(np.concatenate(x)[:count] for x in zip(*parts, strict=True)))
 
 
 def _mapped(function: Callable[[Point], Any], points: Points) -> Any:
@@ -272,18 +249,3 @@ def _motion_of(flight: Callable[[Point], Any]) -> Callable[[Point], Any]:
 def _each(points: Points) -> list[dict[str, Any]]:
     names, columns = [*points], [values.tolist() for values in points.values()]
     return [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)]
-
-
-def _stacked(results: Any) -> dict[str, np.ndarray]:
-    rows = [*results]
-    return {name: np.stack([row[name] for row in rows]) for name in rows[0]}
-
-
-def _findings(certificate: Any) -> dict[str, Any]:
-    worst = {str(name): np.asarray(value) for name, (_, value, _) in certificate.worst.items()}
-    return {"holds": np.asarray(certificate.holds), **worst}
-
-
-def _codes(codes: Any) -> dict[str, Any]:
-    codes = np.asarray(codes, np.int32)
-    return {"code": codes, "failed": codes >= FAILURES}
