@@ -151,7 +151,7 @@ def _write(command: str, outcome: Outcome, folder: Path | None, as_json: bool) -
     files = {"files": [str(Path(folder or "", name)) for name in writers], "removed": [str(file) for file in obsolete]}
     content = {"qtraj": __version__, "command": command} | scenario | outcome.content | files
     text = json.dumps(finite(content), indent=2, allow_nan=False) if as_json else ""
-    if writers or obsolete:
+    if folder is not None and (writers or obsolete):
         write_all(folder, writers, obsolete)
     return content, text
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 DIGITS = 16
@@ -62,7 +63,7 @@ def _parts(value: Any, seen: set[int]) -> Iterator[bytes]:
 
 
 def _is_key(value: Any) -> bool:
-    return isinstance(value, jax.Array) and jax.dtypes.issubdtype(value.dtype, jax.dtypes.prng_key)
+    return isinstance(value, jax.Array) and jnp.issubdtype(value.dtype, jax.dtypes.prng_key)
 
 
 def _compound(value: Any, seen: set[int]) -> Iterator[bytes]:
@@ -106,7 +107,7 @@ def _function(function: types.FunctionType, seen: set[int]) -> Iterator[bytes]:
     yield _source(function)
     yield from _several((function.__defaults__, function.__kwdefaults__), seen)
     read = inspect.getclosurevars(function)
-    for name, value in sorted((read.nonlocals | read.globals).items()):
+    for name, value in sorted({**read.nonlocals, **read.globals}.items()):
         yield name.encode()
         yield from _parts(value, seen)
 

@@ -32,20 +32,21 @@ def local_client(workers: int | None) -> Iterator[Any]:
     require_package("distributed", "a sweep with several workers", "sweep")
     if _in_child():
         raise RuntimeError(GUARD)
-    import dask
+    import dask.config
     from distributed import Client, LocalCluster
 
     settings = {"distributed.scheduler.allowed-failures": ATTEMPTS, "distributed.admin.low-level-log-length": 0}
+    options: dict[str, Any] = {
+        "n_workers": workers or CORES,
+        "threads_per_worker": 1,
+        "processes": True,
+        "dashboard_address": None,
+        "silence_logs": logging.CRITICAL,
+        "env": _environment(),
+    }
     with dask.config.set(settings):
         try:
-            cluster = LocalCluster(
-                n_workers=workers or CORES,
-                threads_per_worker=1,
-                processes=True,
-                dashboard_address=None,
-                silence_logs=logging.CRITICAL,
-                env=_environment(),
-            )
+            cluster = LocalCluster(**options)
         except RuntimeError as error:
             raise RuntimeError(GUARD) from error
         with cluster, Client(cluster) as client:

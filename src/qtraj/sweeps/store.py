@@ -93,7 +93,7 @@ class Store:
         if len(values) < self.shard:
             rest = np.full((self.shard - len(values), *values.shape[1:]), fill, values.dtype)
             values = np.concatenate([values, rest])
-        plain = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
+        plain: Any = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
         content = memoryview(plain.view(np.uint8).reshape(-1))
         file = self._chunk(name, k, values.ndim)
         file.parent.mkdir(parents=True, exist_ok=True)
