@@ -1,5 +1,6 @@
 """The public names and their modules; read at run time, too, by `__init__.py`."""
 
+from . import sweeps as sweeps
 from .algebra import (
     dual_quaternion as dual_quaternion,
     matrices as matrices,
@@ -155,3 +156,5 @@ from .path.trihedral import (
     trihedral as trihedral,
 )
 from .path.vehicle import Vehicle as Vehicle
+from .sweeps.sweep import sweep as sweep
+from .sweeps.swept import Swept as Swept

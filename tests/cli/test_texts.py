@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-COMMANDS = ("tune", "evaluate", "route", "retime", "slew", "simulate", "report")
+COMMANDS = ("tune", "evaluate", "route", "retime", "slew", "simulate", "sweep", "report")
 TIMES = np.arange(0.0, 6.0, 0.1)
 ROWS = [f"{t:.1f},{8 * t:.3f},{t * t:.3f},{0.1 * t:.3f}" for t in TIMES]
 DRIVE = "\n".join(["t,x,y,z", *ROWS])

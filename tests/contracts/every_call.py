@@ -362,6 +362,15 @@ OTHERS = {
         ("load", "load_dataset", "read_road", "read_shape", "read_track", "save_dataset", "label", "storable"),
         "of files and datasets",
     ),
+    **dict.fromkeys(("sweep", "Swept", "Swept.parameters"), "of functions and stores: tests/sweeps"),
+    **dict.fromkeys(
+        (f"sweeps.{name}" for name in ("evaluate", "certify", "tune", "tune_route", "retime", "simulate")),
+        "of functions: tests/sweeps",
+    ),
+    **dict.fromkeys(
+        ("sweeps.Column", "sweeps.Normal", "sweeps.Uniform", "Normal.from_unit", "Uniform.from_unit"),
+        "of parameters: tests/sweeps",
+    ),
     **dict.fromkeys(("enable_compilation_cache", "sample_times", "stanford_arm", "Progress"), "of no arrays"),
     **dict.fromkeys(
         (f"exchange.{name}" for name in ("jaxlie_from_wxyz", "scipy_from_wxyz", "wxyz_from_jaxlie", "wxyz_from_scipy")),

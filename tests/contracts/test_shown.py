@@ -2,6 +2,7 @@
 
 import enum
 import inspect
+import tempfile
 
 import jax
 import jax.numpy as jnp
@@ -109,6 +110,7 @@ EXAMPLES = [
     qt.RigidBody([1.0, 2.0, 3.0], torque=[0.0, 0.0, 0.1]),
     ROUTE,
     qt.Timing([[1.0, 0.1, 0.0, 0.0]], [0.0, 3.0]),
+    qt.sweep(lambda p: {"y": p["a"]}, {"a": [1.0, 2.0]}, tempfile.mkdtemp(), workers=0),
     qt.Quantity("climb_rate", "m/s", lambda p: p.velocity[2]),
     qt.RetimedPath(PATH, qt.Timing([[1.0, 0.1, 0.0, 0.0]], [0.0, 3.0])),
 ]

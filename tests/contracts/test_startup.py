@@ -44,13 +44,22 @@ def test_the_names_of_the_stub_are_the_public_names():
     }
     assert {*seen, "__version__"} == set(qt.__all__) == set(dir(qt))
     for name, home in seen.items():
-        module = importlib.import_module(f"qtraj.{home}")
         found = getattr(qt, name)
+        if home is None:  # a package of the root
+            assert found is importlib.import_module(f"qtraj.{name}")
+            continue
+        module = importlib.import_module(f"qtraj.{home}")
         assert found is (importlib.import_module(f"qtraj.{home}.{name}") if home in PACKAGES else getattr(module, name))
 
 
 def test_the_packages_are_the_folders():
     assert set(qt._PACKAGES) == {file.parent.name for file in Path(inspect.getfile(qt)).parent.glob("*/__init__.py")}
+
+
+def test_no_package_hides_a_public_name():
+    """Importing a module of a package sets the name of the package, which a function of that name would lose."""
+    hidden = {name for name in qt._PACKAGES if name in qt.__all__ and getattr(qt, name).__name__ != f"qtraj.{name}"}
+    assert hidden == set()
 
 
 def test_an_unknown_name_is_refused():

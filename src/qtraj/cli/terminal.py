@@ -33,6 +33,9 @@ else:  # an enumeration, for shell completion
 TRACK = "track"
 """The parameter of a command that receives the options of recordings."""
 
+FOLDER = "folder"
+"""The parameter of a command that receives the option --out, because the command writes a store itself."""
+
 FAILED = 1
 """Exit code of a run with a violated limit or an unsuccessful computation."""
 
@@ -95,8 +98,8 @@ def command(*examples: str, out: Any = OUT) -> Callable[[Callable[..., Outcome]]
 
     The command writes the files of the function's outcome, prints the outcome and exits. The parameters of the function
     are a `Watch`, the argument of the command, and its other options. A parameter `track` receives the options of
-    recordings as keys of [track]. If the function raises an OSError or a ValueError
-    for bad input, the command prints one message and exits with code 2.
+    recordings as keys of [track], and a parameter `folder` the option --out. If the function raises an OSError or a
+    ValueError for bad input, the command prints one message and exits with code 2.
     """
 
     def decorate(run: Callable[..., Outcome]) -> Callable[..., None]:
@@ -105,8 +108,10 @@ def command(*examples: str, out: Any = OUT) -> Callable[[Callable[..., Outcome]]
             with guarded(), watching(quiet) as watch:
                 if out is not None:
                     check_folder(out)
-                recorded = {TRACK: collected(options)} if TRACK in inspect.signature(run).parameters else {}
-                outcome = run(watch, **options, **recorded)
+                known = inspect.signature(run).parameters
+                own = {TRACK: collected(options)} if TRACK in known else {}
+                own |= {FOLDER: out} if FOLDER in known else {}
+                outcome = run(watch, **options, **own)
                 watch.say("writing")
                 content, text = _write(run.__name__, outcome, out or outcome.folder, as_json)
             for warning in outcome.loaded.warnings if outcome.loaded else ():
@@ -118,7 +123,7 @@ def command(*examples: str, out: Any = OUT) -> Callable[[Callable[..., Outcome]]
             raise typer.Exit(FAILED if outcome.failed else 0)
 
         signature = inspect.signature(run)
-        _, argument, *options = (p for p in signature.parameters.values() if p.name != TRACK)
+        _, argument, *options = (p for p in signature.parameters.values() if p.name not in (TRACK, FOLDER))
         kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
         common = [
             inspect.Parameter("out", kind, default=out, annotation=Path | None),
@@ -146,7 +151,7 @@ def _write(command: str, outcome: Outcome, folder: Path | None, as_json: bool) -
     files = {"files": [str(Path(folder or "", name)) for name in writers], "removed": [str(file) for file in obsolete]}
     content = {"qtraj": __version__, "command": command} | scenario | outcome.content | files
     text = json.dumps(finite(content), indent=2, allow_nan=False) if as_json else ""
-    if folder is not None:
+    if folder is not None and (writers or obsolete):
         write_all(folder, writers, obsolete)
     return content, text
 

@@ -23,6 +23,10 @@ class Watch:
 
     def tuning(self, progress: Progress) -> None:
         """Show the progress of `tune`."""
+        self.working("tuning", progress)
+
+    def working(self, activity: str, progress: Progress) -> None:
+        """Show the progress of an activity."""
 
 
 class BarWatch(Watch):
@@ -38,10 +42,10 @@ class BarWatch(Watch):
         for task in self._shown.tasks:  # for `update`, None means the previous total
             task.total = task.finished_time = None
 
-    def tuning(self, progress: Progress) -> None:
-        """Show the progress of `tune`."""
+    def working(self, activity: str, progress: Progress) -> None:
+        """Show the progress of an activity."""
         numbers = {"completed": progress.done, "total": progress.total}
-        self._shown.update(self._task, description=f"tuning: {progress}", **numbers)
+        self._shown.update(self._task, description=f"{activity}: {progress}", **numbers)
 
 
 class LogWatch(Watch):
@@ -56,9 +60,9 @@ class LogWatch(Watch):
         """Show the current activity."""
         self._text = text
 
-    def tuning(self, progress: Progress) -> None:
-        """Show the progress of `tune`."""
-        self._text = f"tuning: {progress}"
+    def working(self, activity: str, progress: Progress) -> None:
+        """Show the progress of an activity."""
+        self._text = f"{activity}: {progress}"
 
     def end(self) -> None:
         """Print no more lines."""

@@ -27,6 +27,7 @@ from qtraj.scenario.keys import ANGLES, NamedPart, Part, key, radians
 from qtraj.scenario.loop_parts import ActuatorPart, ErrorPart, FeedbackPart, SensorPart
 from qtraj.scenario.program_part import ProgramPart, build_program
 from qtraj.scenario.reader import ScenarioFile
+from qtraj.scenario.sweep_part import SweepPart
 
 MAX_SAMPLES = 100_000
 LONGER = 1e-9
@@ -67,6 +68,7 @@ class LoopScenario(NamedPart):
     sensor: SensorPart | None = key("the sensor; default: exact and continuous", None)
     actuator: ActuatorPart | None = key("the actuator; default: unlimited and continuous", None)
     simulation: SimulationPart = key("times and tolerances", SimulationPart())
+    sweep: SweepPart | None = key("parameters of a sweep", None)
 
     def _faults(self) -> Iterator[str]:
         if self.law.kind == "rate" and any(self.error.rate):

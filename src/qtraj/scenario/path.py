@@ -26,6 +26,7 @@ from qtraj.scenario.limit_keys import LimitsPart
 from qtraj.scenario.path_parts import FitPart, RetimePart, TrackPart, TunePart
 from qtraj.scenario.reader import ScenarioFile
 from qtraj.scenario.recorded_limits import along_path, with_odd_limits
+from qtraj.scenario.sweep_part import SweepPart
 from qtraj.scenario.vehicle import Beside, VehiclePart, require_vehicle
 
 
@@ -64,6 +65,7 @@ class LimitedScenario(NamedPart):
         "the reason for each limit, printed with results", {}, values="a table [purpose] of strings, one for each limit"
     )
     retime: RetimePart = key("settings of the retiming", RetimePart())
+    sweep: SweepPart | None = key("parameters of a sweep", None)
 
     def _faults(self) -> Iterator[str]:
         limits, vehicle = self.limits.limits(), self.vehicle and self.vehicle.without_file()

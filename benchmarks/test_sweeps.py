@@ -1,0 +1,69 @@
+"""Measure what a sweep adds to calls of its function, and how much faster two workers are than one.
+
+`pytest benchmarks/test_sweeps.py -n 0 -s` prints the ratios. On other machines, run it while nothing else runs.
+"""
+
+import time
+
+import jax.numpy as jnp
+import pytest
+
+import qtraj as qt
+from qtraj.foundation.cores import CORES
+from qtraj.sweeps.draws import random_numbers
+
+SHARD, SHARDS, ROUNDS = 2**17, 8, 3
+OVERHEAD, SPEEDUP = 1.1, 1.5
+"""Largest ratio of a sweep to calls of its function, and smallest ratio of one worker to two."""
+
+RADIUS, RATE = qt.sweeps.Uniform(5.0, 20.0), qt.sweeps.Uniform(-0.2, 0.2)
+TIMES = 33
+
+
+def path(point):
+    """A spiral with this radius and its rate of change."""
+    radius = jnp.stack([point["radius"], point["rate"]])
+    return qt.SpiralHelix(radius, jnp.array([0.0, 0.4, 0.02]), jnp.array([0.0, 0.5]), 4.0)
+
+
+EVALUATED = qt.sweeps.evaluate(path, ("speed", "curvature", "lateral_acceleration"), instants=TIMES)
+
+
+def swept(folder, **options):
+    parameters = {"radius": RADIUS, "rate": RATE}
+    return qt.sweep(EVALUATED, parameters, folder, samples=SHARD * SHARDS, shard=SHARD, keep=False, **options)
+
+
+def test_overhead(tmp_path):
+    points = {
+        "radius": RADIUS.from_unit(random_numbers(0, "radius", 0, SHARD)),
+        "rate": RATE.from_unit(random_numbers(0, "rate", 0, SHARD)),
+    }
+    EVALUATED(points)  # compiles
+    swept(tmp_path / "first", workers=0)  # compiles its trial of one point
+    ratios = []
+    for k in range(ROUNDS):
+        began = time.process_time()
+        for _ in range(SHARDS):
+            EVALUATED(points)
+        middle = time.process_time()
+        assert swept(tmp_path / str(k), workers=0).successful
+        ratios.append((time.process_time() - middle) / (middle - began))
+    print(f"\na sweep takes {min(ratios):.3f} to {max(ratios):.3f} times as long as the calls of its function")
+    assert min(ratios) <= OVERHEAD
+
+
+@pytest.mark.skipif(CORES < 2, reason="two workers need two cores")
+def test_two_workers(tmp_path):
+    distributed = pytest.importorskip("distributed")
+    spent = {}
+    for workers in (1, 2):
+        options = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": None}
+        with distributed.LocalCluster(**options) as cluster, distributed.Client(cluster) as client:
+            client.wait_for_workers(workers)
+            swept(tmp_path / f"warm-{workers}", client=client)  # each worker compiles
+            began = time.perf_counter()
+            assert swept(tmp_path / str(workers), client=client).successful
+            spent[workers] = time.perf_counter() - began
+    print(f"\ntwo workers are {spent[1] / spent[2]:.2f} times as fast as one")
+    assert spent[1] / spent[2] >= SPEEDUP

@@ -1,0 +1,233 @@
+"""Build the function and the parameters of a sweep from a scenario with a table [sweep]."""
+
+import contextlib
+import copy
+import dataclasses
+import hashlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from qtraj.foundation.naming import naming
+from qtraj.io.input_file import InputFile, read_input
+from qtraj.path.quantity import QUANTITIES
+from qtraj.scenario import KINDS, sweep_runs
+from qtraj.scenario.path import PathTask
+from qtraj.scenario.reader import ScenarioFile, nearest_kind, scenario_in
+from qtraj.scenario.sweep_part import SweepPart
+from qtraj.sweeps import results
+
+KIND_OF = {
+    "tune": "path",
+    "certify": "path",
+    "evaluate": "path",
+    "retime": "path",
+    "route": "route",
+    "simulate": "loop",
+}
+"""The kind of scenario that each run reads."""
+
+DEFAULTS = {"path": "tune", "route": "route", "loop": "simulate"}
+"""The run of each kind of scenario, unless the scenario has another one."""
+
+SHARDS = {"evaluate": 4096, "certify": 4096, "tune": 512, "retime": 64, "route": 16, "simulate": 1024}
+"""Number of points of a shard."""
+
+AXES = ("x", "y", "z")
+UNITS = {"start.speed": "m s-1", "end.speed": "m s-1", **{f"limits.{n}": q.unit for n, q in QUANTITIES.items()}}
+"""Units of parameters."""
+
+
+class SweepTask(NamedTuple):
+    """The function and the parameters of a sweep, and the other arguments of `qtraj.sweep`."""
+
+    loaded: ScenarioFile[Any]
+    function: "ScenarioFunction"
+    parameters: dict[str, Any]
+    options: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class ScenarioFunction:
+    """A function of a batch of points that runs a scenario with the values of its parameters.
+
+    `data`: the keys of the scenario. `contents`: digests of all files that it names. `file`: its own file, which is not
+    part of the identity of a sweep, so that a folder may move.
+    """
+
+    data: Mapping[str, Any]
+    kind: str
+    run: str
+    options: Mapping[str, Any]
+    contents: Mapping[str, str]
+    file: Path = field(compare=False)
+    batch: ClassVar[bool] = True
+
+    @property
+    def shard(self) -> int:
+        """The number of points of a shard."""
+        return SHARDS[self.run]
+
+    @property
+    def units(self) -> dict[str, str]:
+        """The units of parameters and outputs."""
+        return {**UNITS, **results.UNITS, **{name: q.unit for name, q in QUANTITIES.items()}}
+
+    def __call__(self, points: Mapping[str, np.ndarray]) -> dict[str, Any]:
+        """Return the outputs of all points; points that are no valid scenario fail.
+
+        **Raises:** ValueError with the message of the first point, if no point is valid.
+        """
+        tasks, first = {}, None
+        rows = zip(*(values.tolist() for values in points.values()), strict=True)
+        for k, row in enumerate(rows):
+            try:
+                tasks[k] = self.task(dict(zip(points, row, strict=True)))
+            except ValueError as error:
+                first = first or error
+        if not tasks:
+            raise ValueError(str(first)) from first
+        outputs, places = self._computed(tasks)
+        return _spread(outputs, places, len(next(iter(points.values()))))
+
+    def _computed(self, tasks: Mapping[int, Any]) -> tuple[dict[str, Any], list[int]]:
+        """Return the outputs of all tasks, and the numbers of the tasks that they belong to.
+
+        **Raises:** ValueError with the message of the first task, if no task can be computed.
+        """
+        run, parts, places, first = sweep_runs.RUNS[self.run], [], [], None
+        with contextlib.suppress(ValueError):  # of some task, or because these tasks cannot be one batch
+            return run([*tasks.values()], **self.options), [*tasks]
+        for place, task in tasks.items():
+            try:
+                parts.append(run([task], **self.options))
+                places.append(place)
+            except ValueError as error:
+                first = first or error
+        if first is not None and not parts:
+            raise first
+        return results.joined(parts), places
+
+    def task(self, point: Mapping[str, Any]) -> Any:
+        """Return the task of one point.
+
+        **Raises:** ValueError, which names the scenario, if its values are not valid.
+        """
+        data: Any = copy.deepcopy(dict(self.data))
+        with naming(f"{self.file}: "):
+            for name, value in point.items():
+                _set(data, name.split("."), value)
+        loaded = scenario_in(InputFile(self.file, "", data), self.kind)
+        return _built(self, loaded, data)
+
+
+def read_sweep(file: Path) -> SweepTask:
+    """Read a scenario with a table [sweep].
+
+    **Raises:** OSError if a file cannot be read; ValueError, which names the file, if it is not such a scenario, or if
+    the values of its first point are not valid.
+    """
+    given = read_input(file)
+    table = given.data.get("sweep")
+    if given.is_saved or given.is_recording or not isinstance(table, dict):
+        raise ValueError(
+            f"{file}: a scenario with a table [sweep] was expected, such as limits.curvature = {{from = 0.05, to = "
+            "0.2, steps = 16} in [sweep]"
+        )
+    own = {name: value for name, value in given.data.items() if name != "sweep"}
+    kind = KIND_OF.get(str(table.get("run"))) or nearest_kind(own, DEFAULTS)
+    loaded = scenario_in(given, kind)
+    part: SweepPart = loaded.scenario.sweep
+    run = part.run or DEFAULTS[kind]
+    options = {"outputs": tuple(part.outputs), "reduce": part.reduce} if run == "evaluate" else {}
+    plain = {name: value for name, value in own.items() if name not in ("name", "description", "purpose")}
+    function = ScenarioFunction(plain, kind, run, options, dict(_contents(plain, file.parent)), file)
+    with naming(f"{file}: "):
+        parameters = part.parameters(loaded.beside)
+    arguments = {
+        "samples": part.samples,
+        "design": part.design,
+        "seed": part.seed,
+        "shard": part.shard,
+        "keep": part.keep,
+        "histograms": part.histograms,
+    }
+    return SweepTask(loaded, function, parameters, arguments)
+
+
+def _set(data: dict[str, Any], path: list[str], value: Any) -> None:
+    """Set a key of a scenario to the value of a parameter.
+
+    **Raises:** ValueError if the key cannot have a value of its own.
+    """
+    *tables, last = path
+    table: Any = data
+    for name in tables:
+        inner = table.setdefault(name, {}) if isinstance(table, dict) else None
+        if not isinstance(inner, dict | list):
+            raise ValueError(f"the parameter '{'.'.join(path)}' is no key, because '{name}' is no table")
+        table = inner
+    if isinstance(table, list):
+        if last not in AXES or len(table) != len(AXES):
+            raise ValueError(f"the parameter '{'.'.join(path)}' must end with x, y or z, a component of a vector")
+        table[AXES.index(last)] = value
+    elif last == "speed" and tables in (["start"], ["end"]):
+        _set_speed(table, path, value)
+    else:
+        table[last] = value
+
+
+def _set_speed(state: dict[str, Any], path: list[str], speed: float) -> None:
+    velocity = state.get("velocity")
+    length = np.linalg.norm(np.asarray(velocity, float)) if isinstance(velocity, list) else 0.0
+    if not length > 0:
+        raise ValueError(f"the parameter '{'.'.join(path)}' scales a velocity, which is missing or zero")
+    state["velocity"] = (np.asarray(velocity, float) * (speed / length)).tolist()
+
+
+_LAID: dict[str, PathTask] = {}
+"""Paths by the keys of their scenario without limits: a recording is fitted once for all limits."""
+
+MOST_LAID = 64
+
+
+def _built(function: ScenarioFunction, loaded: ScenarioFile[Any], data: Mapping[str, Any]) -> Any:
+    build = KINDS[function.kind].build
+    if function.kind != "path" or "track" not in data:
+        return build(loaded)
+    rest = {name: value for name, value in data.items() if name not in ("limits", "retime")}
+    known = repr((function.file, function.contents, rest))
+    if known not in _LAID:
+        if len(_LAID) >= MOST_LAID:
+            _LAID.clear()
+        _LAID[known] = build(loaded)
+        return _LAID[known]
+    task = _LAID[known]
+    along = None if task.fitted is None else task.fitted.path
+    return dataclasses.replace(task, limits=loaded.scenario.all_limits(loaded.beside, task.recording, along))
+
+
+def _contents(value: Any, folder: Path) -> Iterator[tuple[str, str]]:
+    """Yield the names of files in the keys of a scenario, and the digests of their contents."""
+    if isinstance(value, Mapping | list):
+        for inner in value.values() if isinstance(value, Mapping) else value:
+            yield from _contents(inner, folder)
+    elif isinstance(value, str) and len(value) < 256 and "\n" not in value and (folder / value).is_file():
+        yield value, hashlib.sha256((folder / value).read_bytes()).hexdigest()
+
+
+def _spread(outputs: Mapping[str, Any], places: list[int], count: int) -> dict[str, Any]:
+    """Return outputs of some of the points as outputs of all of them; the others failed."""
+    if len(places) == count:
+        return dict(outputs)
+    failed = np.ones(count, bool)
+    failed[places] = outputs.get("failed", False)
+    spread: dict[str, Any] = {}
+    for name, values in outputs.items():
+        fill = np.nan if values.dtype.kind == "f" else -1 if values.dtype.kind == "i" else 0
+        spread[name] = np.full((count, *values.shape[1:]), fill, values.dtype)
+        spread[name][places] = values
+    return spread | {"failed": failed}

@@ -1,0 +1,138 @@
+"""Define the keys of the table [sweep]: what is computed, and the parameters by the names of scenario keys."""
+
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import ConfigDict, Field
+
+from qtraj.batch.reduction import REDUCTIONS
+from qtraj.foundation.argument import described
+from qtraj.foundation.suggestion import suggestion
+from qtraj.scenario import keys
+from qtraj.scenario.keys import Part, key, one_of
+from qtraj.sweeps.distributions import Column, Normal, Uniform
+from qtraj.sweeps.draws import DESIGNS
+
+RUNS = ("tune", "certify", "evaluate", "retime", "route", "simulate")
+"""What a sweep computes at each point."""
+
+FORMS = (("from", "to", "steps"), ("values",), ("uniform",), ("normal",), ("file", "column"))
+"""The keys of the table of a parameter, one of these sets."""
+
+MOST_STEPS = 10**8
+"""Maximum number of steps of a grid."""
+
+_KEYS = {name for form in FORMS for name in form}
+
+EXPECTED = (
+    "{from, to, steps}, {values = [...]}, {uniform = [low, high]}, {normal = [mean, standard deviation]} or {file, "
+    "column}"
+)
+
+
+class SweepPart(Part):
+    """A sweep of this scenario over parameters, for `qtraj sweep`; other commands ignore this table.
+
+    All other keys of this table are parameters: the names of keys of the scenario with a table of values, such as
+    limits.curvature = {from = 0.05, to = 0.2, steps = 16} or start.speed = {normal = [8.0, 0.5]}. The forms are {from,
+    to, steps}, {values = [...]}, {uniform = [low, high]}, {normal = [mean, standard deviation]}, and {file = "x.csv",
+    column = "name"}. Components of vectors are the names x, y and z, as in end.position.z; start.speed and end.speed
+    scale the velocity.
+    """
+
+    model_config = ConfigDict(extra="allow", strict=True, frozen=True)
+
+    run: Annotated[str, one_of(RUNS)] | None = key(
+        "what is computed: 'tune', 'certify', 'evaluate' or 'retime' for paths, 'route' for recorded drives, "
+        "'simulate' for closed loops; default: 'tune', 'route' or 'simulate'",
+        None,
+    )
+    samples: keys.Counts | None = key("number of samples of the random parameters", None)
+    design: Annotated[str, one_of(DESIGNS)] = key(
+        "how samples are drawn: independently ('random'), as a Latin hypercube ('latin') or as a Sobol sequence "
+        "('sobol')",
+        "random",
+    )
+    seed: keys.Wholes = key("seed of the samples", 0)
+    shard: keys.Counts | None = key("number of points of each task; default: depends on what is computed", None)
+    keep: bool = key("whether each point is stored, and not only its status and the summaries", True, values="a bool")
+    outputs: list[keys.Text] = key(
+        "outputs of 'evaluate'", ["speed", "curvature"], values="names of outputs of qtraj.evaluate"
+    )
+    reduce: Annotated[str, one_of(REDUCTIONS)] = key("how 'evaluate' reduces its outputs over time", "max")
+    histograms: dict[str, Annotated[list[keys.Number], Field(min_length=2, max_length=2)]] = key(
+        "ranges of outputs for quantiles", {}, values="a table of ranges [low, high]"
+    )
+
+    def _faults(self) -> Iterator[str]:
+        found = False
+        for name, value in _flat(self.model_extra or {}):
+            found = True
+            if not isinstance(value, dict):
+                known = (*type(self).model_fields, "limits.curvature")
+                yield (
+                    f"the parameter '{name}' has the value {described(value)}, but must be {EXPECTED}; "
+                    f"{suggestion(name, known)}"
+                )
+            elif tuple(value) not in FORMS and set(value) not in map(set, FORMS):
+                yield f"the parameter '{name}' has the keys {', '.join(value)}, but must be {EXPECTED}"
+            else:
+                yield from _fault_of(name, value)
+        if not found:
+            yield "there are no parameters: add one, such as limits.curvature = {from = 0.05, to = 0.2, steps = 16}"
+
+    def parameters(self, beside: Callable[[str], Path]) -> dict[str, Any]:
+        """Return the parameters of `qtraj.sweep` by the dotted names of keys; `beside` maps a file name to its path.
+
+        **Raises:** OSError or ValueError if a file with a column cannot be read.
+        """
+        return {name: _source(value, beside) for name, value in _flat(self.model_extra or {})}
+
+
+def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the dotted name and the value of each parameter in nested tables."""
+    for name, value in table.items():
+        if isinstance(value, dict) and not _KEYS & value.keys():
+            yield from _flat(value, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", value
+
+
+def _fault_of(name: str, value: dict[str, Any]) -> Iterator[str]:
+    try:
+        if "file" not in value:
+            _source(value, Path)
+        elif not all(isinstance(x, str) for x in value.values()):
+            yield f"the parameter '{name}' must have the names of a file and of a column"
+    except (TypeError, ValueError) as error:
+        yield f"the parameter '{name}': {error}"
+
+
+def _source(value: dict[str, Any], beside: Callable[[str], Path]) -> Any:
+    match value:
+        case {"values": [*values]} if values and all(_is_number(x) for x in values):
+            return np.asarray(values)
+        case {"uniform": [low, high]}:
+            return Uniform(low, high)
+        case {"normal": [mean, sigma]}:
+            return Normal(mean, sigma)
+        case {"file": str(file), "column": str(column)}:
+            return Column(beside(file), column)
+        case {"from": first, "to": last, "steps": int(steps)} if _is_number(first) and _is_number(last) and steps > 0:
+            return _spaced(first, last, steps)
+    raise ValueError(f"{value} was given, but {EXPECTED} was expected")
+
+
+def _spaced(first: float, last: float, steps: int) -> np.ndarray:
+    """Return equally spaced numbers, which are integers if the ends and the distance are."""
+    if steps > MOST_STEPS:
+        raise ValueError(f"steps is {steps}, but a grid has at most {MOST_STEPS} points: use samples instead")
+    values = np.linspace(first, last, steps)
+    whole = isinstance(first, int) and isinstance(last, int) and (values == np.round(values)).all()
+    return values.astype(int) if whole else values
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float)

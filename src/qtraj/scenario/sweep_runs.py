@@ -1,0 +1,147 @@
+"""Compute the outputs of many tasks of scenarios at once: what `qtraj sweep` runs at each point."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import jax
+import numpy as np
+
+from qtraj.batch.evaluate import evaluate
+from qtraj.design.proof.certify import certify
+from qtraj.motion.simulation.simulate import simulate
+from qtraj.scenario.loop import LoopTask
+from qtraj.scenario.path import PathTask
+from qtraj.scenario.route import RouteTask
+from qtraj.sweeps import results
+from qtraj.sweeps.digests import digest
+from qtraj.sweeps.results import Outputs
+
+INSTANTS = 65
+"""Number of instants at which 'evaluate' evaluates a path."""
+
+
+BATCHED = ("start", "end", "limits", "duration", "turn")
+"""Arguments of `qtraj.tune` that may differ within a batch."""
+
+
+def tuned(tasks: Sequence[PathTask]) -> Outputs:
+    """Tune all tasks, in one batch if they differ in numbers only."""
+    from qtraj.design.tuning.tune import tune
+
+    arguments = [task.tuning() for task in tasks]
+    shared = [{name: x for name, x in a.items() if name not in BATCHED} for a in arguments]
+    own = [{name: a[name] for name in BATCHED} for a in arguments]
+    if len({digest(x) for x in shared}) > 1 or (batch := _batch(own)) is None:
+        return (
+            results.joined([tuned([task]) for task in tasks])
+            if len(tasks) > 1
+            else _first(results.of_tuned(tune(**arguments[0])))
+        )
+    return results.of_tuned(tune(**batch, **shared[0]))
+
+
+def certified(tasks: Sequence[PathTask]) -> Outputs:
+    """Check the limits of all tasks, in one batch if their paths and limits differ in numbers only."""
+    batch = _batch([{"path": task.path, "limits": task.limits} for task in tasks])
+    if batch is None:
+        return results.joined([results.of_certificate(_first(certify(task.path, task.limits))) for task in tasks])
+    return results.of_certificate(certify(**batch))
+
+
+def evaluated(tasks: Sequence[PathTask], outputs: tuple[str, ...], reduce: str) -> Outputs:
+    """Evaluate the paths of all tasks, and reduce each output over time."""
+    paths = _batch([{"path": task.path} for task in tasks])
+    if paths is None:
+        return results.joined([evaluated([task], outputs, reduce) for task in tasks])
+    vehicles = _batch([{"vehicle": task.limits.vehicle} for task in tasks]) or {"vehicle": None}
+    times = np.linspace(0.0, 1.0, INSTANTS) * np.asarray(paths["path"].duration)[:, None]
+    reduced = evaluate(paths["path"], times, outputs, reduce=reduce, **vehicles)
+    return {name: np.asarray(reduced[name]) for name in outputs}
+
+
+def retimed(tasks: Sequence[PathTask]) -> Outputs:
+    """Compute the fastest timing of the path of each task."""
+    from qtraj.design.timing.retime import retime
+
+    return results.stacked([results.of_timing(retime(task.path, task.limits.on_timing())) for task in tasks])
+
+
+def routed(tasks: Sequence[RouteTask]) -> Outputs:
+    """Tune the route of each task.
+
+    **Raises:** ValueError if the scenario has no table [tune].
+    """
+    if tasks[0].tuning is None:
+        raise ValueError("a sweep of routes needs the table [tune] in the scenario")
+    return results.stacked([results.of_route(task.tuning(lambda _: None)) for task in tasks if task.tuning])
+
+
+FLIGHTS = 256
+"""Number of closed loops that are simulated at once."""
+
+
+def simulated(tasks: Sequence[LoopTask]) -> Outputs:
+    """Simulate all closed loops, compiled in blocks of one size if they differ in numbers only."""
+    arguments = [task.arguments() for task in tasks]
+    fixed = ("times", "rtol", "atol", "sign")
+    own = [{name: x for name, x in a.items() if name not in (*fixed, "settled")} for a in arguments]
+    shared = [{name: a[name] for name in fixed} for a in arguments]
+    batch = None if len({digest(x) for x in shared}) > 1 else _batch(own)
+    if batch is None:
+        return (
+            results.joined([simulated([task]) for task in tasks]) if len(tasks) > 1 else _one_flight(own[0], shared[0])
+        )
+    run = _flight(digest(shared[0]), shared[0])
+    parts, count = [], len(tasks)
+    for first in range(0, count, FLIGHTS):
+        at = np.minimum(np.arange(first, first + min(FLIGHTS, count)), count - 1)
+        parts.append(jax.tree.map(np.asarray, run(jax.tree.map(lambda x, k=at: x[k], batch))))
+    return results.of_flights(*(np.concatenate(x)[:count] for x in zip(*parts, strict=True)))
+
+
+_COMPILED: dict[str, Callable[..., Any]] = {}
+
+
+def _flight(key: str, shared: Mapping[str, Any]) -> Callable[..., Any]:
+    """Return the compiled simulation of a batch, which is kept for the next shards."""
+
+    def run(own: dict[str, Any]) -> Any:
+        motion = simulate(**own, **shared)
+        return motion.angle, motion.peak_command, motion.code
+
+    return _COMPILED.setdefault(key, jax.jit(jax.vmap(run)))
+
+
+def _one_flight(own: Mapping[str, Any], shared: Mapping[str, Any]) -> Outputs:
+    motion = simulate(**own, **shared)
+    return results.of_flights(*(np.asarray(x)[None] for x in (motion.angle, motion.peak_command, motion.code)))
+
+
+RUNS: dict[str, Callable[..., Outputs]] = {
+    "tune": tuned,
+    "certify": certified,
+    "evaluate": evaluated,
+    "retime": retimed,
+    "route": routed,
+    "simulate": simulated,
+}
+"""The runs by name."""
+
+
+def _batch(trees: Sequence[dict[str, Any]]) -> dict[str, Any] | None:
+    """Return trees of equal structure as one tree with a batch axis, or None if they cannot be one batch."""
+    leaves, structure = jax.tree.flatten(trees[0])
+    rows = [leaves]
+    for tree in trees[1:]:
+        others, own = jax.tree.flatten(tree)
+        if own != structure or any(np.shape(a) != np.shape(b) for a, b in zip(leaves, others, strict=True)):
+            return None
+        rows.append(others)
+    return jax.tree.unflatten(
+        structure, [np.stack([np.asarray(x) for x in column]) for column in zip(*rows, strict=True)]
+    )
+
+
+def _first(tree: Any) -> Any:
+    """Return a result as a batch of one."""
+    return jax.tree.map(lambda x: np.asarray(x)[None], tree)

@@ -1,0 +1,67 @@
+"""Start a Dask cluster on this machine: one process for each core, with one thread each."""
+
+import logging
+import multiprocessing
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from qtraj.foundation.cores import CORES
+from qtraj.foundation.extras import require_package
+
+ATTEMPTS = 20
+"""Number of workers that may die with a shard before the shard counts as the cause."""
+
+GUARD = (
+    "the workers of a sweep could not start. If this is a script, its main part must be guarded, because each worker "
+    "imports the script: put the call of sweep into a block that starts with  if __name__ == '__main__':  . Or pass "
+    "workers=0 to compute in this process"
+)
+
+ENVIRONMENT = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+
+
+@contextmanager
+def local_client(workers: int | None) -> Iterator[Any]:
+    """Start a cluster of `workers` processes, by default one for each core, and return its client.
+
+    **Raises:** ModuleNotFoundError with the extra to install, if Dask is missing; RuntimeError with advice if the
+    workers cannot start.
+    """
+    require_package("distributed", "a sweep with several workers", "sweep")
+    if _in_child():
+        raise RuntimeError(GUARD)
+    import dask.config
+    from distributed import Client, LocalCluster
+
+    settings = {"distributed.scheduler.allowed-failures": ATTEMPTS, "distributed.admin.low-level-log-length": 0}
+    options: dict[str, Any] = {
+        "n_workers": workers or CORES,
+        "threads_per_worker": 1,
+        "processes": True,
+        "dashboard_address": None,
+        "silence_logs": logging.CRITICAL,
+        "env": _environment(),
+    }
+    with dask.config.set(settings):
+        try:
+            cluster = LocalCluster(**options)
+        except RuntimeError as error:
+            raise RuntimeError(GUARD) from error
+        with cluster, Client(cluster) as client:
+            yield client
+
+
+def _in_child() -> bool:
+    """Return whether this process is importing the main script of its parent process."""
+    return multiprocessing.parent_process() is not None and getattr(
+        multiprocessing.current_process(), "_inheriting", False
+    )
+
+
+def _environment() -> dict[str, str]:
+    flags = os.environ.get("XLA_FLAGS", "")
+    own = {"JAX_PLATFORMS": os.environ.get("JAX_PLATFORMS") or "cpu"}
+    own["XLA_FLAGS"] = f"{flags} --xla_cpu_multi_thread_eigen=false".strip()
+    return ENVIRONMENT | own

@@ -1,0 +1,76 @@
+"""Convert results of the library to outputs of a sweep: numbers and arrays by name."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from qtraj.foundation.outcome import FAILURES
+from qtraj.path.quantity import QUANTITIES
+
+Outputs = dict[str, Any]
+
+UNITS = {
+    "duration": "s",
+    "start_velocity": "m s-1",
+    "end_velocity": "m s-1",
+    "start_speed": "m s-1",
+    "end_speed": "m s-1",
+    "final_angle": "rad",
+    "peak_angle": "rad",
+    **{f"worst_{name}": entry.unit for name, entry in QUANTITIES.items()},
+}
+"""Units of outputs."""
+
+
+def of_certificate(certificate: Any) -> Outputs:
+    """Return whether all limits are proved to be satisfied, and the worst value of each limited quantity."""
+    worst = {f"worst_{name}": np.asarray(value) for name, (_, value, _) in certificate.worst.items()}
+    return {"holds": np.asarray(certificate.holds), **worst}
+
+
+def of_codes(codes: Any) -> Outputs:
+    """Return the codes of results, and which of them are failures."""
+    codes = np.asarray(codes, np.int32)
+    return {"code": codes, "failed": codes >= FAILURES}
+
+
+def of_tuned(best: Any) -> Outputs:
+    """Return the outputs of a result of `tune`, for one problem or a batch."""
+    return {
+        "objective": np.asarray(best.objective),
+        "duration": np.asarray(best.path.duration),
+        "start_velocity": np.asarray(best.start.velocity),
+        "end_velocity": np.asarray(best.end.velocity),
+        **of_certificate(best.certificate),
+        **of_codes(best.code),
+    }
+
+
+def of_route(best: Any) -> Outputs:
+    """Return the outputs of a result of `tune_route`."""
+    found = {"objective": np.asarray(best.objective), "duration": np.asarray(best.path.duration)}
+    return {**found, **of_certificate(best.certificate), **of_codes(best.code)}
+
+
+def of_timing(timed: Any) -> Outputs:
+    """Return the outputs of a result of `retime`."""
+    start, end = np.asarray(timed.speeds)
+    found = {"duration": np.asarray(timed.duration), "start_speed": start, "end_speed": end}
+    return {**found, **of_certificate(timed.certificate), **of_codes(timed.code)}
+
+
+def of_flights(angle: np.ndarray, command: np.ndarray, code: np.ndarray) -> Outputs:
+    """Return the outputs of closed loops: attitude errors (n, m) [rad], peak commands (n,) and codes (n,)."""
+    measured = {"final_angle": angle[:, -1], "peak_angle": angle.max(axis=1), "peak_command": command}
+    return {**measured, **of_codes(code)}
+
+
+def stacked(rows: Sequence[Outputs]) -> Outputs:
+    """Return the outputs of single points as those of a batch."""
+    return {name: np.stack([row[name] for row in rows]) for name in rows[0]}
+
+
+def joined(parts: Sequence[Outputs]) -> Outputs:
+    """Return the outputs of several batches as those of one."""
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
