@@ -12,7 +12,7 @@ import lazy_loader
 from qtraj._version import __version__ as __version__
 from qtraj.foundation import drawing as _drawing
 
-_PACKAGES = ("algebra", "batch", "cli", "design", "foundation", "io", "motion", "path", "scenario", "viz")
+_PACKAGES = ("algebra", "batch", "cli", "design", "foundation", "io", "motion", "path", "scenario", "sweep", "viz")
 """Packages that are available as attributes without an import, for example `qtraj.path.hodograph`."""
 
 _RENAMED = {"CubicSpline": "MultiKnotCubic", "TurnChain": "SlewSequence"}

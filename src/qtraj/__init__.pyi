@@ -155,3 +155,7 @@ from .path.trihedral import (
     trihedral as trihedral,
 )
 from .path.vehicle import Vehicle as Vehicle
+from .sweep.atlas.atlas import atlas as atlas
+from .sweep.atlas.axis import AtlasAxis as AtlasAxis
+from .sweep.atlas.outcome import Atlas as Atlas
+from .sweep.atlas.tuned_points import tuned_points as tuned_points

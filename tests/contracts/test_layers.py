@@ -17,6 +17,7 @@ LAYERS = {
     "motion": 3,
     "design": 4,
     "batch": 5,
+    "sweep": 5,
     "io": 6,
     "viz": 6,
     "scenario": 6,

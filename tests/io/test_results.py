@@ -422,6 +422,7 @@ def test_functions_return_results():
         qt.MarginUncertainty,
     }
     wanted |= {
+        qt.Atlas,
         qt.Shape,
         qt.Study,
         qt.ArmMotion,

@@ -76,6 +76,8 @@ HOMES = (
     "qtraj.path.track",
     "qtraj.path.trihedral",
     "qtraj.path.vehicle",
+    "qtraj.sweep.atlas.axis",
+    "qtraj.sweep.atlas.outcome",
 )
 """Modules that define the classes of stored documents."""
 

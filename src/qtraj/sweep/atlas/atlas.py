@@ -80,6 +80,7 @@ def atlas(
             if len(tree.kinds) + len(points) > max_evaluations:
                 break
             found = _computed(function, points, (x, y), cells, batch, (len(tree.kinds), report))
+            _require_names(found, (x, y))
             parts.append(found)
             codes = np.array([limits.setdefault(name, len(limits)) for name in found.first_limit.tolist()], int)
             kinds = FOLLOWED[follow](found.status, codes)
@@ -113,10 +114,18 @@ def _computed(
     return joined(parts)
 
 
+def _require_names(found: Classified, axes: tuple[AtlasAxis, AtlasAxis]) -> None:
+    """Raise a ValueError if a value has the name of an axis, because a dataset could not contain both."""
+    if taken := [axis.name for axis in axes if axis.name in found.values]:
+        raise ValueError(f"{taken[0]!r} is a value and an axis of the atlas: rename one of them")
+
+
 def _require(x: AtlasAxis, y: AtlasAxis, follow: str, batch: int, max_evaluations: int) -> None:
     for axis in (x, y):
         if not isinstance(axis, AtlasAxis):
-            raise ValueError(f"the axes of an atlas must be AtlasAxis(name, low, high, tolerance), but {axis!r} was given")
+            raise ValueError(
+                f"the axes of an atlas must be AtlasAxis(name, low, high, tolerance), but {axis!r} was given"
+            )
     if x.name == y.name:
         raise ValueError(f"the two axes of an atlas must have different names, but both are {x.name!r}")
     if follow not in FOLLOWED:
@@ -126,6 +135,6 @@ def _require(x: AtlasAxis, y: AtlasAxis, follow: str, batch: int, max_evaluation
     coarse = (x.steps + 1) * (y.steps + 1)
     if coarse > max_evaluations:
         raise ValueError(
-            f"the corners of the coarse cells alone are {coarse} points, but max_evaluations is {max_evaluations}: pass "
-            "a larger one, or axes with fewer steps"
+            f"the corners of the coarse cells alone are {coarse} points, but max_evaluations is {max_evaluations}: "
+            "pass a larger one, or axes with fewer steps"
         )

@@ -58,9 +58,10 @@ class AtlasAxis(eqx.Module):
                 f"the steps of the axis {name!r} must be an integer from 1 to {MAX_STEPS}, but {steps} was given"
             )
         if self.levels > MAX_LEVELS:
+            width = (self.high - self.low) / steps
             raise ValueError(
-                f"the tolerance {tolerance} of the axis {name!r} is too small for cells of "
-                f"{(self.high - self.low) / steps:.6g}: pass at least {(self.high - self.low) / steps / 2**MAX_LEVELS:.3g}"
+                f"the tolerance {tolerance} of the axis {name!r} is too small for cells of {width:.6g}: pass at least "
+                f"{width / 2**MAX_LEVELS:.3g}"
             )
 
     @property

@@ -144,7 +144,9 @@ class Atlas(AbstractOutcome):
             ValueError: For values outside the range of the atlas.
 
         Example:
-            >>> disc = qt.atlas(lambda x, y: x**2 + y**2 < 1, qt.AtlasAxis("x", 0, 2, 0.1), qt.AtlasAxis("y", 0, 2, 0.1))
+            >>> import qtraj as qt
+            >>> x, y = (qt.AtlasAxis(name, 0.0, 2.0, tolerance=0.1) for name in "xy")
+            >>> disc = qt.atlas(lambda x, y: x**2 + y**2 < 1, x, y)
             >>> disc.at([0.2, 1.5], 0.3)["status"]
             array(['feasible', 'infeasible'], dtype='<U10')
         """

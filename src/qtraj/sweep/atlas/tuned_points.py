@@ -10,18 +10,30 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import TypeAliasType
 
+from qtraj.design.limits import Limits
 from qtraj.design.proof.certificate import Certificate
 from qtraj.design.tuning.outcome import CONVERGED, INFEASIBLE, NOT_CONVERGED, Tuned
 from qtraj.design.tuning.tune import tune
 from qtraj.path.quantity import quantity
-from qtraj.sweep.atlas.classified import FAILED, FEASIBLE, SAMPLED, UNDECIDED
-from qtraj.sweep.atlas.classified import CLASSES, FIRST_LIMIT, INFEASIBLE as NO_SOLUTION, STATUS
+from qtraj.sweep.atlas.classified import (
+    CLASSES,
+    FAILED,
+    FEASIBLE,
+    FIRST_LIMIT,
+    INFEASIBLE as NO_SOLUTION,
+    SAMPLED,
+    STATUS,
+    UNDECIDED,
+)
 
 STACKED = ("start", "end", "limits", "duration", "turn", "placement")
 """Arguments of `tune` that may differ between points."""
 
 EQUAL = 1e-3
 """Relative violations that differ by less than this, or by this part of the largest one, count as equal."""
+
+SAMPLES = 65
+"""Number of instants at which margins are sampled if a quantity is undefined somewhere on the path."""
 
 ACTIVE = 1e-6
 """A satisfied limit is met at a point if its relative margin is at most this."""
@@ -66,7 +78,11 @@ def tuned_points(problem: Problem, **options: Any) -> Callable[[Any, Any], dict[
         stacked = {name: _stacked(name, [each[name] for each in problems]) for name in problems[0]}
         for name in ("start", "end"):  # at least one argument has a batch axis
             stacked[name] = jax.tree.map(lambda a: np.broadcast_to(a, (len(problems), 3)), stacked[name])
-        return _findings(tune(**stacked, **options))
+        found = tune(**stacked, **options)
+        margins = _relative_margins(found.certificate)
+        for k in np.flatnonzero(np.isnan(margins).any(axis=1) & np.isfinite(np.asarray(found.path.duration))):
+            margins[k] = _sampled_margins(found, int(k), problems[k]["limits"])
+        return _findings(found, margins)
 
     return tuned
 
@@ -101,7 +117,7 @@ def _stacked(name: str, each: list[Any]) -> Any:
     return jax.tree.unflatten(structures[0], stacked)
 
 
-def _findings(found: Tuned) -> dict[str, np.ndarray]:
+def _findings(found: Tuned, margins: Float[np.ndarray, "n k"]) -> dict[str, np.ndarray]:
     """Return class, limits and values of a batch of tunings."""
     certificate, code = found.certificate, np.asarray(found.code)
     duration = np.asarray(found.path.duration, float)
@@ -111,7 +127,6 @@ def _findings(found: Tuned) -> dict[str, np.ndarray]:
         status[code == value] = own
     converged = (code == CONVERGED) & np.isfinite(duration)
     status[converged] = np.where(proved[converged], FEASIBLE, SAMPLED)
-    margins = _relative_margins(certificate)
     values = {"duration": duration, "objective": np.asarray(found.objective, float)}
     return {
         STATUS: np.asarray(CLASSES)[status],
@@ -127,6 +142,21 @@ def _relative_margins(certificate: Certificate) -> Float[np.ndarray, "n k"]:
     values, limits = np.asarray(certificate.values), np.asarray(certificate.limits)
     size = np.where(limits == 0, 1.0, np.abs(limits))
     return sides * (limits - values) / size
+
+
+def _sampled_margins(found: Tuned, k: int, limits: Limits) -> Float[np.ndarray, " k"]:
+    """Return the smallest relative margins at instants where a quantity is defined.
+
+    The path with the smallest violation may stop or reverse, and then curvature and accelerations are undefined there.
+    """
+    names = found.certificate.names
+    bounds = np.asarray(found.certificate.limits)[k]
+    path = jax.tree.map(lambda x: x[k], found.path)
+    with np.errstate(all="ignore"):
+        margins = limits.margins(path, np.linspace(0.0, float(path.duration), SAMPLES))
+        sampled = [np.asarray(margins.get(name, np.nan), float) for name in names]
+    values = [np.min(x, where=~np.isnan(x), initial=np.inf) for x in sampled]
+    return np.array(values) / np.where(bounds == 0, 1.0, np.abs(bounds))
 
 
 def _first(margins: Float[np.ndarray, " k"], names: tuple[str, ...]) -> str:
