@@ -27,6 +27,9 @@ from .design.proof.certificate import Certificate as Certificate
 from .design.proof.certify import certify as certify
 from .design.proof.route_certificate import RouteCertificate as RouteCertificate
 from .design.regions import Regions as Regions
+from .design.robust.outcome import RobustTuned as RobustTuned
+from .design.robust.robust_tune import robust_tune as robust_tune
+from .design.robust.spread import Spread as Spread
 from .design.speed_profile import SpeedProfile as SpeedProfile, speed_profile as speed_profile
 from .design.timing.outcome import Retimed as Retimed
 from .design.timing.retime import retime as retime

@@ -423,6 +423,7 @@ def test_functions_return_results():
     }
     wanted |= {
         qt.Atlas,
+        qt.RobustTuned,
         qt.Shape,
         qt.Study,
         qt.ArmMotion,

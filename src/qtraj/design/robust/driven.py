@@ -1,5 +1,6 @@
 """The paths between uncertain boundary states, and the largest values of limited quantities along them."""
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -33,20 +34,23 @@ class Driven(NamedTuple):
     placement: Placement | None
     limits: Limits
 
-    def largest(self, deviations: Float[np.ndarray, "n 12"]) -> tuple[Float[np.ndarray, "n k"], tuple[str, ...]]:
-        """Return the largest values along the paths, the smallest for lower bounds, and the names of the limits.
+    def largest(self, deviations: Float[np.ndarray, "n 12"]) -> Float[np.ndarray, "n k"]:
+        """Return the largest values along the paths, the smallest for lower bounds, of the limited quantities.
 
         `deviations` of the states [m, m/s]; NaN where a quantity is undefined somewhere on the path.
         """
-        values, names = [], ()
+        values = []
         for first in range(0, len(deviations), BLOCK):
             block = self.states + deviations[first : first + BLOCK]
             padded = np.concatenate([block, np.repeat(block[-1:], BLOCK - len(block), axis=0)])
-            paths = _paths(padded, self.duration, self.placement, self.turns)
-            found = certify(jax.tree.map(lambda x, n=len(block): np.asarray(x)[:n], paths), self.limits)
+            paths = _hermite(padded, self.duration, self.placement, self.turns)
+            found = certify(_first(paths, len(block)), self.limits)
             values.append(np.asarray(found.values))
-            names = found.names
-        return np.concatenate(values), names
+        return np.concatenate(values)
+
+
+def _first(paths: SpiralHelix, count: int) -> SpiralHelix:
+    return jax.tree.map(lambda x: np.asarray(x)[:count], paths)
 
 
 def driven(tuned: Tuned, limits: Limits) -> Driven:
@@ -62,22 +66,13 @@ def _turn(path: SpiralHelix) -> float:
     return float(angle(float(path.duration)) - angle(0.0))
 
 
-@jax.jit
-def _hermite(states: Any, duration: Any, placement: Any) -> Any:
+@partial(jax.jit, static_argnums=3)
+def _hermite(states: Any, duration: Any, placement: Any, turns: int) -> Any:
     def path(x: Any) -> SpiralHelix:
         start, end = BoundaryState(x[:3], x[3:6]), BoundaryState(x[6:9], x[9:])
-        return SpiralHelix.hermite(start, end, duration, 0, placement)
+        return SpiralHelix.hermite(start, end, duration, turns, placement)
 
     return jax.vmap(path)(states)
-
-
-def _paths(states: np.ndarray, duration: float, placement: Placement | None, turns: int) -> SpiralHelix:
-    """Return the paths between states (n, 12); whole turns are added by the cubic from 0 to 1 without end rates."""
-    paths = _hermite(states, duration, placement)
-    if not turns:
-        return paths
-    cubic = 2 * np.pi * turns * np.array([0.0, 0.0, 3.0 / duration**2, -2.0 / duration**3])
-    return SpiralHelix(paths.radius, np.asarray(paths.angle) + cubic, paths.height, paths.duration, placement)
 
 
 class Samples(NamedTuple):
@@ -88,9 +83,9 @@ class Samples(NamedTuple):
 
     def satisfied(self, paths: Driven, spread: Spread) -> Bool[np.ndarray, " n"]:
         """Return for each sample whether all limits are satisfied on the whole path."""
-        values, names = paths.largest(self.states * spread.states)
-        bounds, sides, sigmas = bounds_of(paths.limits, names, spread)
-        sampled = bounds + sigmas * self.limits[:, : len(names)]
+        values = paths.largest(self.states * spread.states)
+        bounds, sides, sigmas = bounds_of(paths.limits, spread)
+        sampled = bounds + sigmas * self.limits[:, : len(bounds)]
         return (sides * (sampled - values) >= 0).all(axis=1)
 
 
@@ -101,10 +96,10 @@ def samples_of(count: int, limits: int, seed: int) -> Samples:
     return Samples(normal[:, :12], normal[:, 12:])
 
 
-def bounds_of(limits: Limits, names: tuple[str, ...], spread: Spread) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the limits, their sides (1, or -1 for lower bounds) and standard deviations, in the order of `names`."""
-    given = limits.given()
-    bounds = np.array([float(np.asarray(given[name])) for name in names])
-    sides = np.array([float(quantity(name).side) for name in names])
-    sigmas = [spread.limits.get(name, spread.limits.get(quantity(name).base or name, 0.0)) for name in names]
+def bounds_of(limits: Limits, spread: Spread | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the limits, their sides (1, or -1 for lower bounds) and their standard deviations."""
+    given, known = limits.given(), {} if spread is None else spread.limits
+    bounds = np.array([float(np.asarray(x)) for x in given.values()])
+    sides = np.array([float(quantity(name).side) for name in given])
+    sigmas = [known.get(name, known.get(quantity(name).base or name, 0.0)) for name in given]
     return bounds, sides, np.array(sigmas)

@@ -1,5 +1,7 @@
 """The result of a robust tuning."""
 
+import os
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
@@ -68,7 +70,7 @@ class RobustTuned(AbstractOutcome):
             return f"infeasible: the spread is too large for the limits; {shares}, but {wanted}. Raise the limits."
         return f"{shares}, but {wanted}. With tightened limits: {self.tuned.result}"
 
-    def save(self, file: str) -> None:
+    def save(self, file: str | os.PathLike[str]) -> None:
         """Write the outcome to a TOML or JSON file without loss of precision; `qtraj.load` reads the file.
 
         **Raises:** ValueError if the suffix is neither .toml nor .json.

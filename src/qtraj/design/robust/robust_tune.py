@@ -10,7 +10,7 @@ from scipy.special import ndtri
 
 from qtraj.design.limits import Limits, limits_of
 from qtraj.design.obstacles.keep_out import refuse_obstacles
-from qtraj.design.robust.driven import Driven, Samples, bounds_of, driven, samples_of
+from qtraj.design.robust.driven import Driven, bounds_of, driven, samples_of
 from qtraj.design.robust.outcome import RobustTuned
 from qtraj.design.robust.spread import Spread
 from qtraj.design.tuning.outcome import Tuned
@@ -24,6 +24,15 @@ CLOSE = 5e-4
 
 MAX_ROUNDS = 12
 """Maximum number of tunings."""
+
+UPDATES = 3
+"""Number of tunings whose paths determine the standard deviations; then only the factor changes.
+
+Otherwise two paths with different standard deviations could alternate.
+"""
+
+SLOPES = 0.3, 3.0
+"""Smallest and largest change of the quantile of the share per change of the factor; it is about 1."""
 
 REMAINING = 0.02
 """A tightened limit is at least this part of the limit."""
@@ -47,8 +56,8 @@ def robust_tune(
     limit is tightened by its margin, z standard deviations of its largest value. These standard deviations are of first
     order, from the changes of the largest value if each component of a state changes by one standard deviation. The
     factor z is the same for all limits, and such that the share of `samples` paths that satisfy all limits is `share`
-    to 0.05 %: these paths are not linearised. Both are computed for the tuned path, and repeated until they agree with
-    it.
+    to 0.05 %: these paths are not linearised. Both are computed again for each new tuned path, until the share is
+    reached; the standard deviations only for the first three.
 
     Args:
         start: The first state, as for `tune`; one problem, not a batch.
@@ -79,23 +88,28 @@ def robust_tune(
     """
     _require(start, end, limits, spread, share, samples)
     points = samples_of(samples, len(limits.given()), seed)
-    tuned = tune(start, end, limits, **options)
-    factor, tight, rounds = 0.0, limits, 1
+    wanted = float(ndtri(share))
+    tuned, tight, factor, rounds = tune(start, end, limits, **options), limits, 0.0, 1
+    sigmas, slope, before = np.zeros(0), 1.0, (0.0, 0.0)
     while True:
         paths = driven(tuned, limits)
         found = float(points.satisfied(paths, spread).mean())
         if not tuned.converged or abs(found - share) <= CLOSE or (factor == 0 and found > share):
-            break
+            return _outcome(tuned, tight, share, found, factor, rounds, ResultCode(int(tuned.code)))
         if rounds == MAX_ROUNDS:
             return _outcome(tuned, tight, share, found, factor, rounds, ResultCode.not_converged)
-        inside = np.clip(found, 0.5 / samples, 1 - 0.5 / samples)
-        factor = max(0.0, factor + float(ndtri(share) - ndtri(inside)))
-        closer = _tightened(limits, factor, paths, spread)
+        reached = float(ndtri(np.clip(found, 0.5 / samples, 1 - 0.5 / samples)))
+        if rounds <= UPDATES:
+            sigmas = _sigmas(paths, spread)
+        elif rounds > UPDATES + 1 and factor != before[0]:  # the last two factors had the same standard deviations
+            slope = float(np.clip((reached - before[1]) / (factor - before[0]), *SLOPES))
+        before = factor, reached
+        factor = max(0.0, factor + (wanted - reached) / slope)
+        closer = _tightened(limits, factor * sigmas)
         if closer is None:
             return _outcome(tuned, tight, share, found, factor, rounds, ResultCode.infeasible)
         tight, rounds = closer, rounds + 1
         tuned = tune(start, end, tight, **options)
-    return _outcome(tuned, tight, share, found, factor, rounds, ResultCode(int(tuned.code)))
 
 
 def _outcome(
@@ -104,11 +118,10 @@ def _outcome(
     return RobustTuned(tuned, tight, share, found, factor, rounds, int(code))
 
 
-def _tightened(limits: Limits, factor: float, paths: Driven, spread: Spread) -> Limits | None:
+def _tightened(limits: Limits, margins: Float[np.ndarray, " k"]) -> Limits | None:
     """Return the limits minus their margins, or None if almost nothing remains of one of them."""
-    sigmas, names = _sigmas(paths, spread)
-    bounds, sides, own = bounds_of(limits, names, spread)
-    margins = factor * np.hypot(sigmas, own)
+    names = tuple(limits.given())
+    bounds, sides, _ = bounds_of(limits)
     tight = bounds - sides * margins
     magnitudes = np.array([not quantity(name).lower and bound > 0 for name, bound in zip(names, bounds, strict=True)])
     if not np.isfinite(tight).all() or (magnitudes & (tight < REMAINING * bounds)).any():
@@ -119,17 +132,17 @@ def _tightened(limits: Limits, factor: float, paths: Driven, spread: Spread) -> 
         return None
 
 
-def _sigmas(paths: Driven, spread: Spread) -> tuple[Float[np.ndarray, " k"], tuple[str, ...]]:
-    """Return the standard deviations of the largest values of all limited quantities, to first order.
+def _sigmas(paths: Driven, spread: Spread) -> Float[np.ndarray, " k"]:
+    """Return the standard deviations of the distances of the largest values from their limits, to first order.
 
     Each component of the states changes by one standard deviation in both directions; the larger increase counts, which
     is right also if two maxima of a quantity have almost the same value.
     """
     steps = np.diag(spread.states)[spread.states > 0]
-    values, names = paths.largest(np.concatenate([np.zeros((1, 12)), steps, -steps]))
-    sides = np.array([quantity(name).side for name in names])
-    changes = (sides * (values[1:] - values[0])).reshape(2, len(steps), len(names))
-    return np.sqrt(np.sum(np.maximum(changes.max(axis=0), 0.0) ** 2, axis=0)), names
+    values = paths.largest(np.concatenate([np.zeros((1, 12)), steps, -steps]))
+    _, sides, own = bounds_of(paths.limits, spread)
+    changes = (sides * (values[1:] - values[0])).reshape(2, len(steps), len(sides))
+    return np.sqrt(own**2 + np.sum(np.maximum(changes.max(axis=0), 0.0) ** 2, axis=0))
 
 
 def _require(
