@@ -59,7 +59,8 @@ class AxisPart(Part):
 
         **Raises:** ValueError for an unknown key, or an invalid range.
         """
-        return AtlasAxis(self.key, *self.range, self.tolerance, self.steps, _unit(self.key))
+        low, high = self.range
+        return AtlasAxis(self.key, low, high, self.tolerance, self.steps, _unit(self.key))
 
 
 class AtlasPart(Part):
@@ -169,7 +170,7 @@ def _with_heading(state: BoundaryState, value: float, _: Placement | None) -> Bo
 def _with_radius(state: BoundaryState, value: float, placement: Placement | None) -> BoundaryState:
     place = Placement() if placement is None else placement
     local = np.asarray(place.to_local(state.position - place.origin))
-    scaled = np.append(local[:2] * (value / np.hypot(local[0], local[1])), local[2])
+    scaled: Any = np.append(local[:2] * (value / np.hypot(local[0], local[1])), local[2])
     return BoundaryState(place.origin + place.to_world(scaled), state.velocity)
 
 

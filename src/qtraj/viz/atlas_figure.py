@@ -57,7 +57,7 @@ def atlas_figure(atlas: Atlas, value: str | None = None, title: str = "") -> Fig
         axes.set(xlabel=atlas.x_axis.label, ylabel=atlas.y_axis.label, xlim=x[[0, -1]], ylim=y[[0, -1]])
         axes.set_axisbelow(False)
         if handles:
-            columns = 2 if max(len(handle.get_label()) for handle in handles) < WIDE else 1
+            columns = 2 if max(len(str(handle.get_label())) for handle in handles) < WIDE else 1
             figure.legend(handles=handles, loc="outside lower left", ncols=columns, fontsize=7.5, handlelength=1.4)
         if title:
             axes.set_title(title, fontsize=11, fontweight="bold")
@@ -101,5 +101,6 @@ def _label(name: str, limits: list[str]) -> str:
     return f"infeasible: {words}" if name in limits else name
 
 
-def _pale(colour: str) -> tuple[float, ...]:
-    return tuple(PALE + (1 - PALE) * part for part in to_rgb(colour))
+def _pale(colour: str) -> tuple[float, float, float]:
+    red, green, blue = (PALE + (1 - PALE) * part for part in to_rgb(colour))
+    return red, green, blue

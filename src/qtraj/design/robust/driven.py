@@ -6,8 +6,6 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.special import ndtri
-from scipy.stats import qmc
 
 from qtraj.design.limits import Limits
 from qtraj.design.proof.certify import certify
@@ -86,11 +84,14 @@ class Samples(NamedTuple):
         values = paths.largest(self.states * spread.states)
         bounds, sides, sigmas = bounds_of(paths.limits, spread)
         sampled = bounds + sigmas * self.limits[:, : len(bounds)]
-        return (sides * (sampled - values) >= 0).all(axis=1)
+        return np.all(sides * (sampled - values) >= 0, axis=1)
 
 
 def samples_of(count: int, limits: int, seed: int) -> Samples:
     """Return scrambled Sobol points (a power of two of them), transformed to normal numbers."""
+    from scipy.special import ndtri  # imported here, because scipy.stats is slow
+    from scipy.stats import qmc
+
     points = qmc.Sobol(12 + limits, rng=np.random.default_rng(seed)).random(count)
     normal = ndtri(np.clip(points, 1e-12, 1 - 1e-12))
     return Samples(normal[:, :12], normal[:, 12:])

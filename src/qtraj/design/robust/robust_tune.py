@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import ndtri
 
 from qtraj.design.limits import Limits, limits_of
 from qtraj.design.obstacles.keep_out import refuse_obstacles
@@ -87,6 +86,8 @@ def robust_tune(
         0.99
     """
     _require(start, end, limits, spread, share, samples)
+    from scipy.special import ndtri  # imported here, so that `import qtraj` does not import SciPy
+
     points = samples_of(samples, len(limits.given()), seed)
     wanted = float(ndtri(share))
     tuned, tight, factor, rounds = tune(start, end, limits, **options), limits, 0.0, 1

@@ -1,14 +1,17 @@
 """Standard deviations of boundary states and limits."""
 
+from __future__ import annotations  # so that `help` shows short names
+
 from collections.abc import Mapping
 from typing import Any
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.document import storable
+from qtraj.foundation.shown import shown, shown_html
 from qtraj.foundation.types import ArrayInput
 
 STATES = ("start_position", "start_velocity", "end_position", "end_velocity")
@@ -33,10 +36,10 @@ class Spread(eqx.Module):
         array([0.2, 0.2, 0.2])
     """
 
-    start_position: Float[Array, "3"]
-    start_velocity: Float[Array, "3"]
-    end_position: Float[Array, "3"]
-    end_velocity: Float[Array, "3"]
+    start_position: Float[np.ndarray, 3]
+    start_velocity: Float[np.ndarray, 3]
+    end_position: Float[np.ndarray, 3]
+    end_velocity: Float[np.ndarray, 3]
     limits: dict[str, float]
 
     def __init__(
@@ -55,8 +58,13 @@ class Spread(eqx.Module):
         if not (any(np.any(getattr(self, name)) for name in STATES) or any(self.limits.values())):
             raise ValueError("every standard deviation is zero: pass at least one that is positive, or use tune")
 
+    def __repr__(self) -> str:
+        return shown(self, start_position="m", start_velocity="m/s", end_position="m", end_velocity="m/s")
+
+    _repr_html_ = shown_html
+
     @property
-    def states(self) -> Float[np.ndarray, "12"]:
+    def states(self) -> Float[np.ndarray, 12]:
         """The standard deviations of both states, in the order of the arguments."""
         return np.concatenate([np.asarray(getattr(self, name)) for name in STATES])
 

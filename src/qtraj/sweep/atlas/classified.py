@@ -61,7 +61,8 @@ def joined(parts: list[Classified]) -> Classified:
                 f"{', '.join(names) or 'none'} and then {', '.join(part.values) or 'none'}"
             )
     values = {name: np.concatenate([part.values[name] for part in parts]) for name in names}
-    return Classified(*(np.concatenate([part[k] for part in parts]) for k in (0, 1)), values)
+    status = np.concatenate([part.status for part in parts])
+    return Classified(status, np.concatenate([part.first_limit for part in parts]), values)
 
 
 def _array(values: Any, name: str, count: int) -> np.ndarray:

@@ -48,10 +48,10 @@ class Atlas(AbstractOutcome):
 
     x_axis: AtlasAxis
     y_axis: AtlasAxis
-    lattice: Int[Array, "n 2"]
-    leaves: Int[Array, "m 3"]
-    codes: Int[Array, " n"]
-    limit_codes: Int[Array, " n"]
+    lattice: Int[np.ndarray, "n 2"]
+    leaves: Int[np.ndarray, "m 3"]
+    codes: Int[np.ndarray, " n"]
+    limit_codes: Int[np.ndarray, " n"]
     limit_names: tuple[str, ...] = eqx.field(static=True)
     values: dict[str, Float[Array, " n"]]
     refined: str = eqx.field(static=True)

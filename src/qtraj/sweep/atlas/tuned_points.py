@@ -24,6 +24,7 @@ from qtraj.sweep.atlas.classified import (
     SAMPLED,
     STATUS,
     UNDECIDED,
+    PointFunction,
 )
 
 STACKED = ("start", "end", "limits", "duration", "turn", "placement")
@@ -42,7 +43,7 @@ Problem = TypeAliasType("Problem", Callable[[float, float], Any])
 """A function of two numbers that returns start, end and limits, or a mapping of arguments of `tune`."""
 
 
-def tuned_points(problem: Problem, **options: Any) -> Callable[[Any, Any], dict[str, np.ndarray]]:
+def tuned_points(problem: Problem, **options: Any) -> PointFunction:
     """Return a function for `atlas` that tunes the problem at each point, all points of a call as one batch.
 
     Args:
