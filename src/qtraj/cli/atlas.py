@@ -10,7 +10,7 @@ from qtraj.foundation.progress_bar import Watch
 from qtraj.scenario import KINDS
 
 if TYPE_CHECKING:
-    from qtraj.sweep.atlas.outcome import Atlas
+    from qtraj.sweeps.atlas.outcome import Atlas
 
 
 @terminal.command(

@@ -78,8 +78,8 @@ HOMES = (
     "qtraj.path.track",
     "qtraj.path.trihedral",
     "qtraj.path.vehicle",
-    "qtraj.sweep.atlas.axis",
-    "qtraj.sweep.atlas.outcome",
+    "qtraj.sweeps.atlas.axis",
+    "qtraj.sweeps.atlas.outcome",
 )
 """Modules that define the classes of stored documents."""
 

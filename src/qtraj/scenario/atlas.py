@@ -17,10 +17,10 @@ from qtraj.scenario import keys
 from qtraj.scenario.keys import Part, key
 from qtraj.scenario.path import PathScenario, PathTask, lay
 from qtraj.scenario.reader import ScenarioFile
-from qtraj.sweep.atlas.atlas import MAX_EVALUATIONS, atlas
-from qtraj.sweep.atlas.axis import AtlasAxis
-from qtraj.sweep.atlas.outcome import Atlas
-from qtraj.sweep.atlas.tuned_points import tuned_points
+from qtraj.sweeps.atlas.atlas import MAX_EVALUATIONS, atlas
+from qtraj.sweeps.atlas.axis import AtlasAxis
+from qtraj.sweeps.atlas.outcome import Atlas
+from qtraj.sweeps.atlas.tuned_points import tuned_points
 
 LIMITS = "limits."
 

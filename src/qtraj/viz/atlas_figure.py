@@ -10,8 +10,8 @@ from matplotlib.patches import Patch
 
 from qtraj.foundation.suggestion import suggestion
 from qtraj.foundation.units import symbol
-from qtraj.sweep.atlas.classified import CLASSES, INFEASIBLE, SAMPLED
-from qtraj.sweep.atlas.outcome import VALUE_UNITS, Atlas
+from qtraj.sweeps.atlas.classified import CLASSES, INFEASIBLE, SAMPLED
+from qtraj.sweeps.atlas.outcome import VALUE_UNITS, Atlas
 from qtraj.viz.style import RC, SERIES, frame
 
 SIZE = (7.6, 4.6)

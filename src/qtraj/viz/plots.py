@@ -13,7 +13,7 @@ from qtraj.design.uncertainty.quantity_expansion import HEADING
 from qtraj.design.uncertainty.uncertainty import Uncertainty
 from qtraj.motion.programs.rotation_minimizing import Frame
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.sweep.atlas.outcome import Atlas
+from qtraj.sweeps.atlas.outcome import Atlas
 from qtraj.viz.atlas_figure import atlas_figure
 from qtraj.viz.drawable import drawable
 from qtraj.viz.history import tuning_figure

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 import numpy as np
 from jaxtyping import Float
 
-from qtraj.sweep.atlas.quadtree import Leaf, Point, boundary
+from qtraj.sweeps.atlas.quadtree import Leaf, Point, boundary
 
 Side = tuple[Point, Point]
 

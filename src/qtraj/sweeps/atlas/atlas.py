@@ -8,10 +8,10 @@ from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.progress import Progress, Report
 from qtraj.foundation.reporting import reporting
 from qtraj.foundation.suggestion import suggestion
-from qtraj.sweep.atlas.axis import AtlasAxis
-from qtraj.sweep.atlas.classified import Classified, PointFunction, classify, joined
-from qtraj.sweep.atlas.outcome import FOLLOWED, Atlas
-from qtraj.sweep.atlas.quadtree import Point, Quadtree, as_arrays
+from qtraj.sweeps.atlas.axis import AtlasAxis
+from qtraj.sweeps.atlas.classified import Classified, PointFunction, classify, joined
+from qtraj.sweeps.atlas.outcome import FOLLOWED, Atlas
+from qtraj.sweeps.atlas.quadtree import Point, Quadtree, as_arrays
 
 BATCH = 1024
 """Default number of points in one call of the function."""

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import qtraj as qt
-from qtraj.sweep.atlas.quadtree import Quadtree, boundary
+from qtraj.sweeps.atlas.quadtree import Quadtree, boundary
 
 LATERAL = 1.5  # [m/s²]
 

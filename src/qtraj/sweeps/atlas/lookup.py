@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float, Int
 
-from qtraj.sweep.atlas.quadtree import CORNERS
+from qtraj.sweeps.atlas.quadtree import CORNERS
 
 
 def nearest_corner(lattice: Int[np.ndarray, "n 2"], leaves: Int[np.ndarray, "m 3"]) -> Int[np.ndarray, "m 4"]:

@@ -18,10 +18,10 @@ from qtraj.foundation.outcome import AbstractOutcome, ResultCode
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.types import ArrayInput
 from qtraj.foundation.units import with_unit
-from qtraj.sweep.atlas.axis import AtlasAxis
-from qtraj.sweep.atlas.border import border_lines
-from qtraj.sweep.atlas.classified import CLASSES, FEASIBLE, SAMPLED
-from qtraj.sweep.atlas.lookup import interpolated, nearest_corner
+from qtraj.sweeps.atlas.axis import AtlasAxis
+from qtraj.sweeps.atlas.border import border_lines
+from qtraj.sweeps.atlas.classified import CLASSES, FEASIBLE, SAMPLED
+from qtraj.sweeps.atlas.lookup import interpolated, nearest_corner
 
 if TYPE_CHECKING:
     import os

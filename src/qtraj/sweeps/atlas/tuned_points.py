@@ -15,7 +15,7 @@ from qtraj.design.proof.certificate import Certificate
 from qtraj.design.tuning.outcome import CONVERGED, INFEASIBLE, NOT_CONVERGED, Tuned
 from qtraj.design.tuning.tune import tune
 from qtraj.path.quantity import quantity
-from qtraj.sweep.atlas.classified import (
+from qtraj.sweeps.atlas.classified import (
     CLASSES,
     FAILED,
     FEASIBLE,
