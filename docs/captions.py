@@ -11,6 +11,8 @@ PAGES = {
     "longer.",
     "braking": "The fastest timing along a winding road, with 4 m/s² of braking and 1.5 m/s² of acceleration.",
     "obstacles": "A road past two obstacles, given and tuned for a car of three discs.",
+    "atlas": "How fast a bus may enter a corner, over the radius at its entry: the duration of the fastest turn, and "
+    "the limits that are met first.",
     "zones": "The fastest timing along the same road with a speed limit of 30 km/h from 150 m to 250 m.",
     "work_precision": "Which method propagates an attitude most accurately for its work: lower and farther left is "
     "better.",

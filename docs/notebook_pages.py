@@ -38,6 +38,7 @@ DRAWN_BY = {
     "braking": "docs/pictures.py:braking",
     "obstacles": "docs/pictures.py:obstacles",
     "zones": "docs/pictures.py:zones",
+    "atlas": "docs/pictures.py:atlas",
     "work_precision": "benchmarks/accuracy/figures.py:work_precision_figure",
     "closed_loop_errors": "benchmarks/accuracy/figures.py:closed_loop_errors_figure",
     "recorded_gyro": "benchmarks/accuracy/figures.py:recorded_gyro_figure",

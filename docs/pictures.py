@@ -189,6 +189,23 @@ def zones() -> Figure:
     return qt.speed_profile(timed).plot("50 km/h, and 30 km/h from 150 m to 250 m")
 
 
+def atlas() -> Figure:
+    """How fast a bus may enter a corner of 90° that it leaves 25 m from its axis, over the radius at the entry."""
+
+    def corner(radius: float, speed: float):
+        start = qt.BoundaryState([radius, 0.0, 0.0], [0.0, speed, 0.0])
+        end = qt.BoundaryState([0.0, 25.0, 0.0], [-speed, 0.0, 0.0])
+        limits = qt.Limits(curvature=1 / 12, lateral_acceleration=1.5, longitudinal_acceleration=(-1.5, 1.0))
+        return start, end, limits
+
+    along_streets = ["start.V_rho", "start.V_phi", "start.V_h", "end.V_rho", "end.V_h"]
+    tuned = qt.tuned_points(corner, objective="fastest", motion="hermite", fixed=along_streets, starts=2)
+    radius = qt.AtlasAxis("radius_at_the_entry", 10.0, 50.0, tolerance=0.35, unit="m")
+    speed = qt.AtlasAxis("speed_at_the_entry", 2.0, 10.0, tolerance=0.07, unit="m/s")
+    found = qt.atlas(tuned, radius, speed, follow="limit")
+    return figures.atlas_figure(found, title="A corner for a city bus")
+
+
 PICTURES: dict[str, Callable[[], Figure]] = {
     "tuning": tuning,
     "conventions": conventions,
@@ -198,6 +215,7 @@ PICTURES: dict[str, Callable[[], Figure]] = {
     "braking": braking,
     "obstacles": obstacles,
     "zones": zones,
+    "atlas": atlas,
 }
 """The name of each file, and the function that draws it."""
 

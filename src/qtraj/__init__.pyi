@@ -28,6 +28,9 @@ from .design.proof.certificate import Certificate as Certificate
 from .design.proof.certify import certify as certify
 from .design.proof.route_certificate import RouteCertificate as RouteCertificate
 from .design.regions import Regions as Regions
+from .design.robust.outcome import RobustTuned as RobustTuned
+from .design.robust.robust_tune import robust_tune as robust_tune
+from .design.robust.spread import Spread as Spread
 from .design.speed_profile import SpeedProfile as SpeedProfile, speed_profile as speed_profile
 from .design.timing.outcome import Retimed as Retimed
 from .design.timing.retime import retime as retime
@@ -156,5 +159,9 @@ from .path.trihedral import (
     trihedral as trihedral,
 )
 from .path.vehicle import Vehicle as Vehicle
+from .sweeps.atlas.atlas import atlas as atlas
+from .sweeps.atlas.axis import AtlasAxis as AtlasAxis
+from .sweeps.atlas.outcome import Atlas as Atlas
+from .sweeps.atlas.tuned_points import tuned_points as tuned_points
 from .sweeps.sweep import sweep as sweep
 from .sweeps.swept import Swept as Swept

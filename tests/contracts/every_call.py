@@ -315,6 +315,7 @@ MEMBERS = {
 """Names of methods of any class to which kinds and shapes of arguments do not apply."""
 
 RESULTS = (
+    *("Atlas", "Atlas.at", "RobustTuned"),
     *("ArmMotion", "AttitudeResidual", "BodyMotion", "Certificate", "Fitted", "FittedRoute", "LoopHistory"),
     *("LoopVerdict", "MarginUncertainty", "Nearest", "PathChange", "PoseMotion", "Propagation", "RateResidual"),
     *("Residual", "ResultCode", "Retimed", "RouteCertificate", "SlewHistory", "SlewVerdict", "Solution"),
@@ -326,6 +327,7 @@ RESULTS = (
     *("SpeedProfile.share", "Study.percentiles", "Study.worst", "TunedRoute.unproved"),
 )
 SEARCHES = (
+    *("atlas", "tuned_points", "robust_tune"),
     *("assess_loop", "certify", "closed_pose", "fit", "fit_route", "judge_loop", "judge_slew", "margin_uncertainty"),
     *("retime", "tune", "tune_route", "uncertainty", "speed_profile", "monte_carlo", "loop_history"),
     *("compare_attitude", "compare_paths", "compare_rates"),
@@ -346,6 +348,7 @@ SIMULATED = (
     *("HystereticLaw.switches", "HystereticLaw.updated_sign", "PoseLaw.__call__", "Damping", "Gyros", "Sensor"),
 )
 ON_THE_HOST = (
+    *("AtlasAxis", "AtlasAxis.at", "Spread"),
     *("AttitudeAngles", "AttitudeAngles.quaternions", "TangentPlane", "TangentPlane.project", "Track"),
     *("Track.window", "Shape", "Shape.through", "Along.from_samples", "BySpeed", "Regions", "Regions.along", "Road"),
     *("Driving", "Driving.along", "Route.from_path", "Route.from_piecewise", "Route.reversed", "Route.segment"),

@@ -44,6 +44,8 @@ EXAMPLES = [
     qt.AccelerationLaw(1.0, 2.0),
     qt.Actuator(0.3, sampling=0.1),
     qt.Attitude(LAMBDA, jnp.zeros(3), jnp.zeros(3)),
+    qt.Spread(0.1, [0.1, 0.2, 0.3], limits={"curvature": 0.01}),
+    qt.AtlasAxis("radius", 10.0, 50.0, 0.5, unit="m"),
     qt.AxesFrame(lambda position, velocity, acceleration: jnp.eye(3)),
     qt.FunctionProfile(lambda t: t - jnp.sin(t), 2 * np.pi),
     qt.AttitudeAngles(sequence="ZYX", heading="x-anticlockwise", unit="deg", body="forward-left-up"),

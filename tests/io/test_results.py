@@ -422,6 +422,8 @@ def test_functions_return_results():
         qt.MarginUncertainty,
     }
     wanted |= {
+        qt.Atlas,
+        qt.RobustTuned,
         qt.Shape,
         qt.Study,
         qt.ArmMotion,

@@ -34,7 +34,7 @@ EXAMPLES = (
 )
 """Examples in the help of the application."""
 
-COMMANDS = ("tune", "evaluate", "route", "retime", "slew", "simulate", "sweep", "report")
+COMMANDS = ("tune", "evaluate", "route", "retime", "slew", "simulate", "sweep", "atlas", "report")
 """The commands; each command is a function in the module of the same name."""
 
 OLD_NAMES = {"slew": "turn", "simulate": "track"}

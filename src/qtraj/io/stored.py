@@ -26,6 +26,8 @@ HOMES = (
     "qtraj.design.proof.certificate",
     "qtraj.design.proof.route_certificate",
     "qtraj.design.regions",
+    "qtraj.design.robust.outcome",
+    "qtraj.design.robust.spread",
     "qtraj.design.timing.outcome",
     "qtraj.design.timing.timing",
     "qtraj.design.tuning.outcome",
@@ -76,6 +78,8 @@ HOMES = (
     "qtraj.path.track",
     "qtraj.path.trihedral",
     "qtraj.path.vehicle",
+    "qtraj.sweeps.atlas.axis",
+    "qtraj.sweeps.atlas.outcome",
 )
 """Modules that define the classes of stored documents."""
 

@@ -70,5 +70,6 @@ KINDS = {
         "prepare",
         {"program.turn": "program.slew", "error.gauge": "error.normalization"},
     ),
+    "atlas": Kind(("atlas",), "an atlas of tunings", "atlas.toml", "atlas", "AtlasScenario", "atlas_task"),
 }
 """All kinds of scenarios by name; to add a kind, write a module and add an entry to this dictionary."""

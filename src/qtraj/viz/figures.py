@@ -7,6 +7,7 @@ of colour blindness, and line styles can be distinguished even in greyscale. `sa
 import warnings
 from typing import Any
 
+from qtraj.viz.atlas_figure import atlas_figure
 from qtraj.viz.history import limits_figure, tuning_figure
 from qtraj.viz.loops_figure import loops_figure
 from qtraj.viz.orientation_figure import orientation_figure
@@ -21,6 +22,7 @@ from qtraj.viz.style import save
 from qtraj.viz.table_figure import table_figure
 
 __all__ = [
+    "atlas_figure",
     "limits_figure",
     "loops_figure",
     "orientation_figure",

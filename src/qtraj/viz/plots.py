@@ -1,4 +1,4 @@
-"""Draw the figures for the method `plot()` of paths, tables, results and speed profiles."""
+"""Draw the figures for the method `plot()` of paths, tables, results, speed profiles and atlases."""
 
 from collections.abc import Sequence
 
@@ -13,6 +13,8 @@ from qtraj.design.uncertainty.quantity_expansion import HEADING
 from qtraj.design.uncertainty.uncertainty import Uncertainty
 from qtraj.motion.programs.rotation_minimizing import Frame
 from qtraj.path.hodograph import AbstractHodograph
+from qtraj.sweeps.atlas.outcome import Atlas
+from qtraj.viz.atlas_figure import atlas_figure
 from qtraj.viz.drawable import drawable
 from qtraj.viz.history import tuning_figure
 from qtraj.viz.space import path_figure
@@ -67,3 +69,8 @@ def retimed_plot(timed: Retimed, title: str = "") -> Figure:
 def speed_profile_plot(profile: SpeedProfile, title: str = "") -> Figure:
     """Plot a speed profile, and the limits that bound the speed."""
     return speed_profile_figure(profile.to_xarray({"title": title}))
+
+
+def atlas_plot(atlas: Atlas, value: str | None = None) -> Figure:
+    """Plot an atlas, with a value as colour in the feasible region."""
+    return atlas_figure(atlas, value)

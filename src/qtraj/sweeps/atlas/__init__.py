@@ -1,0 +1,1 @@
+"""Which points of a plane of two parameters are feasible, with the border between the classes to a tolerance."""

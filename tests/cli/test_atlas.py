@@ -1,0 +1,121 @@
+"""`qtraj atlas`: the border of the built-in scenario in closed form, its files, the keys that change, the refusals."""
+
+import json
+
+import numpy as np
+import pytest
+import xarray
+
+import qtraj as qt
+from qtraj.scenario.atlas import Point, atlas_task
+from qtraj.scenario.reader import read_scenario
+
+ROUND_OFF = 1e-12
+
+BASE = """
+[start]
+position = [20.0, 0.0, 0.0]
+velocity = [0.0, 3.0, 4.0]
+[end]
+position = [0.0, 30.0, 2.0]
+velocity = [-6.0, 0.0, 0.0]
+[limits]
+curvature = 0.1
+longitudinal_acceleration = [-2.0, 1.0]
+[atlas]
+x = {key = "start.speed", range = [3.0, 9.0], tolerance = 1.0, steps = 2}
+y = {key = "radius", range = [10.0, 40.0], tolerance = 5.0, steps = 2}
+"""
+
+
+@pytest.fixture(scope="module")
+def default(qtraj, tmp_path_factory):
+    out = tmp_path_factory.mktemp("atlas") / "new"
+    result = qtraj("atlas", "--json", "--out", out)
+    return result, json.loads(result.stdout), out
+
+
+def test_the_built_in_scenario_has_the_border_of_an_arc(default):
+    """The path is an arc: v² = a R, and R is at least 12 m."""
+    result, content, _ = default
+    assert result.exit_code == 0
+    tight, lateral = 1 / 0.08333, 1.5
+    r, v = np.concatenate(content["border"]).T
+    along = np.minimum(abs(v - np.sqrt(lateral * r)) / 0.75, abs(r - v**2 / lateral) / 4.0)
+    assert np.minimum(along, abs(r - tight) / 4.0).max() <= 0.5
+    assert content["axes"]["y"] == {"key": "start.speed", "range": [3.0, 9.0], "tolerance": 0.75, "unit": "m s-1"}
+    assert content["limits"]["lateral_acceleration"] > 5
+
+
+def test_the_files_are_those_of_the_result(default):
+    _, content, out = default
+    assert {file.name for file in out.iterdir()} == {"atlas.nc", "atlas.json", "atlas.png", "atlas.svg"}
+    atlas = qt.load(out / "atlas.json")
+    assert atlas.evaluations == content["evaluations"]
+    data = xarray.load_dataset(out / "atlas.nc")
+    np.testing.assert_array_equal(data["start.speed"], atlas.y)
+    assert data.attrs["title"] == "A corner for a city bus"
+    assert (data.status.values == atlas.status).all()
+
+
+@pytest.fixture
+def point(tmp_path):
+    """The arguments of a tuning of the scenario above."""
+    (tmp_path / "s.toml").write_text(BASE)
+    task = atlas_task(read_scenario(tmp_path / "s.toml", "atlas")).tuning
+    return Point(task.start, task.end, task.limits, None, None, qt.Placement([1.0, 2.0, 0.0]))
+
+
+def test_keys_change_speeds_headings_radii_and_limits(point):
+    faster = point.at("start.speed", 10.0)
+    np.testing.assert_allclose(faster.start.velocity, [0.0, 6.0, 8.0], atol=ROUND_OFF)
+    np.testing.assert_allclose(point.at("end.heading", 0.5).end.velocity, [6 * np.cos(0.5), 6 * np.sin(0.5), 0.0])
+    wider = point.at("radius", 12.0)
+    for state, own in ((wider.start, point.start), (wider.end, point.end)):
+        from_axis, before = state.position - [1.0, 2.0, 0.0], own.position - [1.0, 2.0, 0.0]
+        assert np.hypot(*from_axis[:2]) == pytest.approx(12.0)
+        assert from_axis[0] * before[1] == pytest.approx(from_axis[1] * before[0])
+        assert from_axis[2] == before[2]
+    assert np.hypot(*(point.at("end.radius", 7.0).end.position[:2] - [1.0, 2.0])) == pytest.approx(7.0)
+    limited = point.at("limits.curvature", 0.3).limits.given()
+    assert {name: float(x) for name, x in limited.items()} == {
+        "curvature": 0.3,
+        "longitudinal_acceleration_min": -2.0,
+        "longitudinal_acceleration_max": 1.0,
+    }
+    assert set(point.at("limits.jerk", 2.0).limits.given()) == {*limited, "jerk"}
+    assert point.at("duration", 4.0).duration == 4.0
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('"radius"', '"start.speed"', "atlas.x and atlas.y have the same key"),
+        ('"radius"', '"raduis"', "cannot change in an atlas: did you mean 'radius'"),
+        ('"radius"', '"limits.speeed"', "speeed"),
+        ('"radius"', '"limits.longitudinal_acceleration"', "so it must be one number"),
+        ("[10.0, 40.0]", "[10.0, 10.0]", "must end above its start"),
+        ("tolerance = 5.0", "tolerance = 0", "tolerance"),
+        ("steps = 2}\n", "steps = 0}\n", "steps"),
+        ("[atlas]", "[altas]", "altas"),
+        ("curvature = 0.1\nlongitudinal_acceleration = [-2.0, 1.0]", "", r"\[limits\] is missing or empty"),
+    ],
+)
+def test_bad_scenarios_are_refused_with_one_message(qtraj, tmp_path, old, new, message):
+    assert old in BASE
+    (tmp_path / "s.toml").write_text(BASE.replace(old, new, 1))
+    result = qtraj("atlas", tmp_path / "s.toml", "--out", tmp_path / "out")
+    assert result.exit_code == 2
+    assert not (tmp_path / "out").exists()
+    [line] = [" ".join(result.stderr.split())]
+    assert line.startswith("error:")
+    with pytest.raises(ValueError, match=message):
+        read_scenario(tmp_path / "s.toml", "atlas")
+
+
+def test_an_atlas_without_a_feasible_point_exits_with_1(qtraj, tmp_path):
+    text = BASE.replace("[limits]", "[tune]\nstarts = 1\n[limits]\nspeed = 0.001").replace("steps = 2", "steps = 1")
+    (tmp_path / "s.toml").write_text(text)
+    result = qtraj("atlas", tmp_path / "s.toml", "--out", tmp_path / "out")
+    assert result.exit_code == 1
+    assert "infeasible" in result.stdout
