@@ -327,7 +327,7 @@ RESULTS = (
 )
 SEARCHES = (
     *("assess_loop", "certify", "closed_pose", "fit", "fit_route", "judge_loop", "judge_slew", "margin_uncertainty"),
-    *("retime", "tune", "tune_route", "uncertainty", "speed_profile", "monte_carlo", "loop_history"),
+    *("retime", "retime_together", "tune", "tune_route", "uncertainty", "speed_profile", "monte_carlo", "loop_history"),
     *("compare_attitude", "compare_paths", "compare_rates"),
 )
 OBJECTS = (
