@@ -173,8 +173,8 @@ def _met(shape: Shape, x: _Pieces) -> Met:
     slope = slope / shape.lengths(x.cells)[:, None]
     with np.errstate(all="ignore"):  # at rest
         along = (0.5 * slope * square + a * along) / np.sqrt(square)
-    values = (np.append(y[:, 0], y[-1, 1]) for y in (a * square, np.nan_to_num(along)))
-    return Met(*values, _distances(shape, x.cells))
+    squares, accelerations = (np.append(y[:, 0], y[-1, 1]) for y in (a * square, np.nan_to_num(along)))
+    return Met(squares, accelerations, _distances(shape, x.cells))
 
 
 def _lowest(limit: str, bounds: Any) -> float:

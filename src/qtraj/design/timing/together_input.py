@@ -75,8 +75,9 @@ def in_step(paths: list[Route], names: list[tuple[str, ...]], lap: bool) -> Part
                 "parameter: build all routes on the same times, such as splines through points at the same times"
             )
     parts = [of_path(path, own)[0] for path, own in zip(paths, names, strict=True)]
-    slow = np.array([standing_ends(own) | ~own.coefficients[:, 1:].any(axis=(1, 2))[:, None] for own in segments])
-    rest = slow.all(axis=0)
+    still = [~np.asarray(own.coefficients[:, 1:].any(axis=(1, 2))) for own in segments]
+    slow = np.array([standing_ends(own) | x[:, None] for own, x in zip(segments, still, strict=True)])
+    rest: np.ndarray = np.logical_and.reduce(slow)
     common = np.flatnonzero(rest[:-1, 1] | rest[1:, 0])
     if common.size or rest.all(axis=1).any():
         at = first.starts[1:][common[:1]] if common.size else first.starts[:1]
