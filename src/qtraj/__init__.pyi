@@ -35,6 +35,7 @@ from .design.speed_profile import SpeedProfile as SpeedProfile, speed_profile as
 from .design.timing.outcome import Retimed as Retimed
 from .design.timing.retime import retime as retime
 from .design.timing.timing import RetimedPath as RetimedPath, Timing as Timing
+from .design.timing.together import retime_together as retime_together
 from .design.tuning.outcome import Tuned as Tuned
 from .design.tuning.tune import tune as tune
 from .design.tuning_route.tune_route import tune_route as tune_route

@@ -329,7 +329,7 @@ RESULTS = (
 SEARCHES = (
     *("atlas", "tuned_points", "robust_tune"),
     *("assess_loop", "certify", "closed_pose", "fit", "fit_route", "judge_loop", "judge_slew", "margin_uncertainty"),
-    *("retime", "tune", "tune_route", "uncertainty", "speed_profile", "monte_carlo", "loop_history"),
+    *("retime", "retime_together", "tune", "tune_route", "uncertainty", "speed_profile", "monte_carlo", "loop_history"),
     *("compare_attitude", "compare_paths", "compare_rates"),
 )
 OBJECTS = (

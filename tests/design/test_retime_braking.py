@@ -92,8 +92,9 @@ def test_a_route_brakes_before_its_first_stop():
     ("limits", "advice"),
     [
         ({"speed": V, "acceleration": A}, "add a limit on longitudinal_acceleration"),
-        ({"speed": V, "longitudinal_acceleration": A, "jerk": 1.0}, "omit the limit on the jerk"),
+        ({"speed": V, "acceleration": A, "jerk": 1.0}, "add a limit on longitudinal_acceleration"),
         ({"speed": V, "longitudinal_acceleration": 0.1}, "before its first stop or the end"),
+        ({"speed": V, "longitudinal_acceleration": 0.9, "jerk": 0.2}, "before its first stop or the end"),
     ],
 )
 def test_refusals_say_what_to_do(limits, advice):
@@ -101,6 +102,49 @@ def test_refusals_say_what_to_do(limits, advice):
     assert timed.code == qt.ResultCode.end_speed_not_reached
     assert advice in timed.result
     assert float(timed.braking_time) == 0.0
+
+
+@pytest.mark.parametrize(("top", "jerk"), [(V, 1.0), (V, 0.4), (19.0, 1.0)])
+def test_with_a_limit_on_the_jerk_braking_ends_gradually(top, jerk):
+    """On a line, v0 − A·t, then the deceleration decreases at the rate J to 0; for a small change of the speed, from
+    √(2J(v0 − V)) on, without a constant part."""
+    timed = qt.retime(STRAIGHT, qt.Limits(speed=top, longitudinal_acceleration=A, jerk=jerk), start_speed=START)
+    most = min(A, np.sqrt(2 * jerk * (START - top)))
+    ramp = most / jerk
+    steady = (START - top - most * ramp / 2) / most
+    middle = START - most * steady
+    distance = (START + middle) / 2 * steady + middle * ramp - most * ramp**2 / 3
+    assert timed.code == qt.ResultCode.starts_above_limits
+    assert timed.certificate.status == {"speed": "broken", "longitudinal_acceleration": "proved", "jerk": "proved"}
+    assert float(timed.duration) == pytest.approx(steady + ramp + (150 - distance) / top, rel=1e-3)
+    assert float(timed.braking_time) == pytest.approx(steady + ramp, rel=0.01)
+    assert float(timed.braking_distance) == pytest.approx(distance, rel=0.01)
+    times, x = sampled(timed, "longitudinal_acceleration", "jerk")
+    assert np.max(np.abs(np.diff(x.longitudinal_acceleration))) <= jerk * times[1] * (1 + 1e-6)
+    late = (times > steady + 0.1) & (times < steady + ramp - 0.1)
+    assert np.allclose(np.linalg.norm(x.jerk[late], axis=1), jerk, rtol=5e-3)
+    assert "as strongly as the limits on the longitudinal acceleration and the jerk allow" in timed.result
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_after_braking_within_the_jerk_on_a_random_path_every_limit_is_satisfied(seed):
+    rng = np.random.default_rng(seed)
+    angle = np.cumsum(rng.normal(0, 0.35, 12))
+    steps = 25 * np.stack([np.cos(angle), np.sin(angle), rng.normal(0, 0.02, 12)], axis=1)
+    shape = qt.Shape.through(np.cumsum(steps, axis=0))
+    own = LIMITS | {"longitudinal_acceleration": 2.5, "jerk": float(rng.uniform(1.0, 4.0))}
+    limits = qt.Limits(**own)
+    timed = qt.retime(shape, limits, start_speed=float(rng.uniform(13.5, 19.0)))
+    assert timed.code == qt.ResultCode.starts_above_limits
+    times, x = sampled(timed, *own)
+    late = times > float(timed.braking_time)
+    for name, limit in own.items():
+        assert np.max(np.abs(getattr(x, name)[late])) <= limit
+    assert np.max(np.abs(x.longitudinal_acceleration)) <= 2.5
+    assert np.max(np.abs(np.diff(x.longitudinal_acceleration))) <= 4 * own["jerk"] * times[1]  # without a jump
+    found = qt.certify(timed.path, limits).status
+    assert found == timed.certificate.status
+    assert found["longitudinal_acceleration"] == "proved"
 
 
 def test_a_path_that_is_not_polynomial_is_sampled():

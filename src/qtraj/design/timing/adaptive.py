@@ -26,7 +26,7 @@ from qtraj.design.timing.cells import (
     relaxed_profile,
     with_positive,
 )
-from qtraj.design.timing.constraints import POWERS, listed
+from qtraj.design.timing.constraints import POWERS
 from qtraj.design.timing.part_search import Drafted, Posed, Searched, first_search, searched, shape_of, task_of
 from qtraj.design.timing.parts import Part
 from qtraj.design.timing.relaxed import Task
@@ -99,12 +99,12 @@ def on_chosen_cells(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool]) ->
     extrapolated from the durations on all cells and on their halves. Where this is not possible, because the gains do
     not decrease or a search fails, the bound of the relaxed timing is used, which is far from the minimum.
     """
-    shape = shape_of(p.path, part)
+    shape = shape_of(p.path, part, [path for path, _ in p.others])
     task = task_of(p, ends, part, rest, shape)
-    cells, bounds = chosen(shape, task, COARSE if "jerk" in p.bounds else FIRST * p.tolerance)
+    cells, bounds = chosen(shape, task, COARSE if p.limits_jerk else FIRST * p.tolerance)
     limited = {quantity(name).base or name for name in p.names}
     by_speed = any(isinstance(x, OfSpeed) for x in p.bounds.values())
-    exact = bounds and not COUPLED & limited and not by_speed and not excludes_zero(p.bounds)
+    exact = bounds and not p.others and not COUPLED & limited and not by_speed and not excludes_zero(p.bounds)
 
     enough = max(GAPS[0], LEAST_ERROR * p.tolerance)
 
@@ -124,7 +124,7 @@ def on_chosen_cells(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool]) ->
             break
         cells, draft = _positive(shape, cells.halved(np.ones(cells.half.size, bool)), draft_on, None)
     if not np.isfinite(draft.powers).all():  # the limits contradict each other, and smaller cells do not help
-        return draft.completed("jerk" in p.bounds), np.nan
+        return draft.completed(p.limits_jerk), np.nan
 
     def estimated(slower: float) -> float:
         """Return the estimated difference of a completed timing to the minimum duration."""
@@ -199,9 +199,8 @@ def _exceeding(p: Posed, found: Drafted | Searched) -> Bool[np.ndarray, " cells"
     """Return the cells between whose nodes limits are exceeded so much that the whole timing was slowed down."""
     if isinstance(found, Drafted) or _converged(p, found):
         return np.zeros(found.grid.cells, bool)
-    names = listed(p.names, p.vehicle is not None)
     slower = 1 - 2 * float(found.found.error)  # see `search`
-    others = slower ** np.array([POWERS.get(name, 0.0) for name in names])
+    others = slower ** np.array([POWERS.get(name, 0.0) for name in p.rows])
     return np.asarray((np.asarray(found.found.usage) > others[:, None] * (1 + NOTICED)).any(axis=0))
 
 
@@ -223,7 +222,7 @@ def _converged(p: Posed, found: Searched) -> bool:
 
 def _completed(p: Posed, part: Part, draft: Drafted, at: tuple[Any, tuple[bool, bool]]) -> tuple[Searched, float]:
     """Return the timing with the limits between the nodes, too, and its duration [s]."""
-    found = draft.completed("jerk" in p.bounds)
+    found = draft.completed(p.limits_jerk)
     if not _converged(p, found):
         again = searched(p, part, draft.grid, *at)
         found = again if again.found.error < found.found.error or np.isnan(found.found.error) else found

@@ -85,7 +85,7 @@ def unbounded(program: Program, a: Float[Any, "batch 2 cells+1"], stops: Bool[An
     low, high = _slopes(c, most)
     possible = (c.upper <= 2 / most) & (standing == 0) & ~at_end & (low <= high)
     if c.jerk is not None:
-        found = _linear(c.jerk, place, most, possible, low, high)
+        found = np.all([_linear(jerk, place, most, possible, low, high) for jerk in c.jerk], axis=0)
     elif program.nodes.seam:  # a lap has no ends
         found = _any_of_lap(possible, low, high)
     else:

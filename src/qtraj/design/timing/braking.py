@@ -2,7 +2,8 @@
 
 Let w be the squared speed, s the distance along the path, and A the limit. From the speed v the vehicle reaches at
 least w = v² − 2As. The fastest timing for a free start loses at most as much, so both curves meet once. From there on,
-the fastest timing satisfies every limit.
+the fastest timing satisfies every limit. With a limit on the jerk, both also have the same acceleration where they
+meet: the vehicle brakes less and less before. Its first acceleration is free.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from qtraj.design.proof.certificate import PROVED, SAMPLED
 from qtraj.design.timing.cells import Cells, Shape
 from qtraj.design.timing.constraint_values import ratios, used
 from qtraj.design.timing.constraints import NAMES, listed, parts
+from qtraj.design.timing.deceleration import Deceleration, Met, constant, from_place, gradual
 from qtraj.design.timing.grid import Grid
 from qtraj.design.timing.part_search import Posed, shape_of
 from qtraj.design.timing.part_timing import TimedPart, codes_of
@@ -35,6 +37,12 @@ RESERVE = 1e-3
 
 MEETING, HALVINGS = 10, 12
 """How often the cell in which both curves meet is halved, and the largest number of halvings for the cubics."""
+
+JOINT = 10
+"""How often the cell in which the deceleration begins to decrease is halved; then this happens at one of its ends."""
+
+EASIER, TRIES = 0.6, 6
+"""Factor on the rate at which the deceleration decreases, and number of rates: in a bend, the jerk has other parts."""
 
 CHECKED = 17
 """Number of points of each cell at which quantities are compared with their limits."""
@@ -77,41 +85,96 @@ def braked(p: Posed, part: Part, found: tuple[TimedPart, Grid | None], speed: An
     """Return the timing that starts with `speed` [m/s] and brakes, or None if the limits do not tell how it brakes.
 
     `found` is the timing of the first part of the path from the highest speed within the limits. Without a limit on the
-    longitudinal acceleration, braking is unbounded. With a limit on the jerk, braking would have to end gradually. The
-    result is also None if the vehicle is still too fast at the end of the part, or if an argument is traced.
+    longitudinal acceleration, braking is unbounded. The result is also None if the vehicle is still too fast at the end
+    of the part, or if an argument is traced.
     """
     timed, grid = found
     limit = next((name for name in LIMITS if name in p.bounds), None)
-    if grid is None or is_traced(p.path, p.bounds, p.vehicle, speed) or limit is None or "jerk" in p.bounds:
+    if grid is None or is_traced(p.path, p.bounds, p.vehicle, speed) or limit is None:
         return None
     shape = shape_of(p.path, part)
     cells = Cells(grid.segment - part.first, grid.middle, grid.half)
     pieces = _Pieces(cells, *(np.asarray(x) for x in (timed.powers, timed.usage, timed.codes)))
-    start, strongest = float(speed) ** 2, (1 - RESERVE) * -_lowest(limit, strictest(p.bounds))
+    bounds = strictest(p.bounds)
+    start, strongest = float(speed) ** 2, (1 - RESERVE) * -_lowest(limit, bounds)
     if not strongest > 0:
         return None
-    met = _meeting(shape, pieces, start, strongest)
+    heads = _heads(p, shape, pieces, (start, strongest, limit), (1 - RESERVE) * float(bounds.get("jerk", np.inf)))
+    return _joined(p, part, timed, heads[0], shape) if heads else None
+
+
+def _heads(
+    p: Posed, shape: Shape, pieces: _Pieces, braking: tuple[float, float, str], jerk: float
+) -> list[tuple[_Pieces, _Pieces, int]]:
+    """Return the timing of the braking, the cells of the fastest timing, and the first one of these after braking.
+
+    The list is empty if the vehicle cannot brake in time. With a limit on the jerk, the first item satisfies this limit
+    while the deceleration decreases, if that is possible.
+    """
+    found = []
+    for rate in jerk * EASIER ** np.arange(TRIES if np.isfinite(jerk) else 1):
+        if (own := _head(p, shape, pieces, braking, rate)) is None:
+            continue
+        head, ends_gradually = own[0], own[3]
+        if not np.isfinite(jerk):
+            return [own[:3]]
+        row = listed(p.bounds, p.vehicle is not None).index("jerk")
+        found.append(own[:3])
+        if (head.usage[row][ends_gradually:] <= 1).all():
+            return found[-1:]
+    return found
+
+
+def _head(
+    p: Posed, shape: Shape, pieces: _Pieces, braking: tuple[float, float, str], jerk: float
+) -> tuple[_Pieces, _Pieces, int, int] | None:
+    """Return the same for one rate `jerk`, and the first cell in which the deceleration decreases, or None."""
+    start, strongest, limit = braking
+
+    def meeting(x: _Pieces) -> tuple[int, Deceleration] | None:
+        met = _met(shape, x)
+        return gradual(start, strongest, jerk, met) if np.isfinite(jerk) else constant(start, strongest, met)
+
+    met = meeting(pieces)
     for _ in range(MEETING):
         if met is None:
             return None
         pieces = pieces.halved(met[0] - 1)
-        met = _meeting(shape, pieces, start, strongest)
+        met = meeting(pieces)
     if met is None:
         return None
-    k, deceleration = met
-    head = _slowed(p, shape, _chosen(pieces.cells, slice(k)), start, deceleration, limit)
-    return None if head is None else _joined(p, part, timed, (head, pieces, k), shape)
+    k, found = met
+    cells = _chosen(pieces.cells, slice(k))
+    if np.isfinite(jerk):
+        joint = _with_joint(shape, cells, found, _met(shape, pieces).at(k))
+        if joint is None:
+            return None
+        cells, found = joint
+    head = _slowed(p, shape, cells, found, limit)
+    return None if head is None else (head, pieces, k, int(np.sum(_distances(shape, head.cells)[1:] <= found.place)))
 
 
-def _meeting(shape: Shape, x: _Pieces, start: float, strongest: float) -> tuple[int, float] | None:
-    """Return the first knot at which a vehicle with the squared speed `start` can be slow enough, and its deceleration.
+def _with_joint(shape: Shape, cells: Cells, d: Deceleration, met: Met) -> tuple[Cells, Deceleration] | None:
+    """Return cells with a knot at which the deceleration begins to decrease, and the deceleration for this knot."""
+    for _ in range(JOINT):
+        at = _distances(shape, cells)
+        cells = cells.halved(np.arange(at.size - 1) == np.clip(np.searchsorted(at, d.place) - 1, 0, at.size - 2))
+    at = _distances(shape, cells)[:-1]
+    found = from_place(d, float(at[np.argmin(np.abs(at - d.place))]), met)
+    return None if found is None else (cells, found)
 
-    The deceleration [m/s²] is the one with which it has the speed of the timing `x` there. None means that there is no
-    such knot, or only one at rest.
-    """
-    within, place = _squared_speeds(shape, x), _distances(shape, x.cells)
-    k = int(np.argmax(within >= start - 2 * strongest * place))
-    return (k, float((start - within[k]) / (2 * place[k]))) if k > 0 and within[k] > 0 else None
+
+def _met(shape: Shape, x: _Pieces) -> Met:
+    """Return the squared speeds, the accelerations along the path and the distances at the knots of a timing."""
+    r = shape.derivatives(*x.cells.places(2))
+    square, along = np.sum(r[0] ** 2, axis=0), np.sum(r[0] * r[1], axis=0)
+    c, last = x.powers, np.sum(x.powers * np.arange(4), axis=1)
+    a, slope = np.stack([c[:, 0], c.sum(axis=1)], axis=1), np.stack([c[:, 1], last], axis=1)
+    slope = slope / shape.lengths(x.cells)[:, None]
+    with np.errstate(all="ignore"):  # at rest
+        along = (0.5 * slope * square + a * along) / np.sqrt(square)
+    squares, accelerations = (np.append(y[:, 0], y[-1, 1]) for y in (a * square, np.nan_to_num(along)))
+    return Met(squares, accelerations, _distances(shape, x.cells))
 
 
 def _lowest(limit: str, bounds: Any) -> float:
@@ -123,13 +186,6 @@ def _chosen(cells: Cells, which: slice) -> Cells:
     return Cells(*(x[which] for x in cells))
 
 
-def _squared_speeds(shape: Shape, x: _Pieces) -> Float[np.ndarray, " cells+1"]:
-    """Return the squared speeds at the knots."""
-    r1 = shape.derivatives(*x.cells.places(2))[0]
-    square = np.sum(r1 * r1, axis=0)
-    return np.append(x.powers[:, 0] * square[:, 0], x.powers[-1].sum() * square[-1, 1])
-
-
 def _distances(shape: Shape, cells: Cells) -> Float[np.ndarray, " cells+1"]:
     """Return the distances of the knots from the start [m]."""
     nodes, weights = np.polynomial.legendre.leggauss(6)
@@ -139,26 +195,56 @@ def _distances(shape: Shape, cells: Cells) -> Float[np.ndarray, " cells+1"]:
     return np.concatenate([[0.0], np.cumsum(lengths)])
 
 
-def _slowed(p: Posed, shape: Shape, cells: Cells, start: float, deceleration: float, limit: str) -> _Pieces | None:
-    """Return the cubics of a motion with the squared speed `start` and a constant deceleration, on divided cells.
+def _slowed(p: Posed, shape: Shape, cells: Cells, braking: Deceleration, limit: str) -> _Pieces | None:
+    """Return the cubics of a motion that brakes, on divided cells.
 
     A cubic has the values and slopes of u̇² at both ends of its cell. None means that the cells cannot be small enough.
     """
-    row = listed(p.bounds, p.vehicle is not None).index(limit)
+    rows = listed(p.bounds, p.vehicle is not None)
     for _ in range(HALVINGS):
-        r = shape.derivatives(*cells.places(2))
-        square, along = np.sum(r[0] ** 2, axis=0), np.sum(r[0] * r[1], axis=0)
-        place = _distances(shape, cells)
-        w = start - 2 * deceleration * np.stack([place[:-1], place[1:]], axis=1)
-        a = w / square
-        slope = (-2 * deceleration * np.sqrt(square) - 2 * a * along) / square
-        powers = _cubics(a, slope * shape.lengths(cells)[:, None])
-        usage = _usage(p, shape, cells, powers)
-        over = ~(usage[row] <= 1 - RESERVE / 10)
+        at_ends = _exact(shape, cells, braking, 2)
+        powers = _cubics(at_ends[0], at_ends[1] * shape.lengths(cells)[:, None])
+        usage = _usage(p, shape, cells, _of_cubics(powers, shape.lengths(cells)))
+        over = ~(usage[rows.index(limit)] <= 1 - RESERVE / 10)
+        if "jerk" in rows:
+            exact = _usage(p, shape, cells, _exact(shape, cells, braking, CHECKED))[rows.index("jerk")]
+            over |= ~(usage[rows.index("jerk")] <= np.maximum(exact, 1 - RESERVE) * (1 + RESERVE / 10))
         if not over.any():
             return _Pieces(cells, powers, usage, np.zeros((len(NAMES), len(powers)), np.int32))
         cells = cells.halved(over)
     return None
+
+
+def _exact(shape: Shape, cells: Cells, braking: Deceleration, count: int) -> Float[np.ndarray, "3 cells {count}"]:
+    """Return u̇² and its derivatives with respect to u while the vehicle brakes, at points of the cells."""
+    r = shape.derivatives(*cells.places(count))
+    square, along = np.sum(r[0] ** 2, axis=0), np.sum(r[0] * r[1], axis=0)
+    bend = np.sum(r[1] ** 2 + r[0] * r[2], axis=0)
+    squares, accelerations, rates = braking.at(_places(shape, cells, count))
+    root, a = np.sqrt(square), squares / square
+    with np.errstate(all="ignore"):
+        slope = 2 * (accelerations * root - a * along) / square
+        second = 2 * (rates * square / np.sqrt(squares) + accelerations * along / root)
+        return np.stack([a, slope, (second - 4 * slope * along - 2 * a * bend) / square])
+
+
+def _places(shape: Shape, cells: Cells, count: int) -> Float[np.ndarray, "cells {count}"]:
+    """Return the distances of points of the cells from the start [m]."""
+    ends = _distances(shape, cells)
+    if count == 2:
+        return np.stack([ends[:-1], ends[1:]], axis=1)
+    place = cells.middle[:, None] + cells.half[:, None] * np.linspace(-1.0, 1.0, count)
+    half = np.repeat(cells.half / (count - 1), count - 1)
+    parts = Cells(np.repeat(cells.segment, count - 1), (0.5 * (place[:, 1:] + place[:, :-1])).ravel(), half)
+    found = _distances(shape, parts)
+    return np.concatenate([found[:-1].reshape(-1, count - 1), found[count - 1 :: count - 1, None]], axis=1)
+
+
+def _of_cubics(powers: Float[np.ndarray, "cells 4"], lengths: Any) -> Float[np.ndarray, "3 cells {CHECKED}"]:
+    """Return cubics and their derivatives with respect to u at points of the cells."""
+    z, length, c = np.linspace(0.0, 1.0, CHECKED), lengths[:, None], powers.T[..., None]
+    a = c[0] + z * (c[1] + z * (c[2] + z * c[3]))
+    return np.stack([a, (c[1] + z * (2 * c[2] + 3 * z * c[3])) / length, (2 * c[2] + 6 * z * c[3]) / length**2])
 
 
 def _cubics(a: Float[np.ndarray, "cells 2"], slope: Float[np.ndarray, "cells 2"]) -> Float[np.ndarray, "cells 4"]:
@@ -168,21 +254,18 @@ def _cubics(a: Float[np.ndarray, "cells 2"], slope: Float[np.ndarray, "cells 2"]
     return np.stack([a[:, 0], slope[:, 0], rise - slope[:, 0] - third, third], axis=1)
 
 
-def _usage(p: Posed, shape: Shape, cells: Cells, powers: Any) -> Float[np.ndarray, "limits cells"]:
-    """Return the largest ratio of each quantity to its limit in each cell, at samples."""
-    z, length = np.linspace(0.0, 1.0, CHECKED), shape.lengths(cells)[:, None]
+def _usage(p: Posed, shape: Shape, cells: Cells, v: Any) -> Float[np.ndarray, "limits cells"]:
+    """Return the largest ratio of each quantity to its limit in each cell, for `v` = (a, a', a'') at its points."""
+    count = v.shape[1]
     r = shape.derivatives(*cells.places(CHECKED))
-    c = powers.T[..., None]
-    a = c[0] + z * (c[1] + z * (c[2] + z * c[3]))
-    v = np.stack([a, (c[1] + z * (2 * c[2] + 3 * z * c[3])) / length, (2 * c[2] + 6 * z * c[3]) / length**2])
     one: Any = np.ones(())
-    k, place = np.repeat(np.arange(len(powers)), CHECKED), np.tile(z, len(powers))
+    k, place = np.repeat(np.arange(count), CHECKED), np.tile(np.linspace(0.0, 1.0, CHECKED), count)
     bounds = at_places(in_cells(p.bounds, *shape.parameters(cells, 2).T), k, place)
     with np.errstate(all="ignore"):
         vehicle = at_parameters(p.vehicle, shape.parameters(cells, CHECKED).ravel())
         found = used(parts(r.reshape(3, 3, -1), one, bounds, vehicle), v.reshape(3, -1))
     rows = ratios(found, listed(p.bounds, p.vehicle is not None))
-    return np.max(rows.reshape(len(rows), *a.shape), axis=2)
+    return np.max(rows.reshape(len(rows), count, CHECKED), axis=2)
 
 
 def _joined(p: Posed, part: Part, timed: TimedPart, at: tuple[_Pieces, _Pieces, int], shape: Shape) -> Braked:

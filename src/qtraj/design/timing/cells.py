@@ -14,11 +14,14 @@ from jaxtyping import Bool, Float, Int
 
 from qtraj.design.timing.grid import Grid
 from qtraj.design.timing.relaxed import PLACES, Samples, Task, relaxed
-from qtraj.design.varying import Varying, at_places, in_cells, strictest, varies
+from qtraj.design.varying import Varying, at_places, in_cells, varies
 from qtraj.path.road_on_path import RoadOnPath
 
 TURN, UNEVEN = 0.3, 2.0
 """Largest angle [rad] by which the path turns in a cell, and largest ratio of two values of |r'| in a cell."""
+
+ALMOST_AT_REST = 1e-4
+"""Ratio of |r'| of one of several bodies to its largest value, below which its direction does not count."""
 
 SMALLEST = 1e-12
 """Fraction of the length of the path below which a cell is not halved because of the shape of the path."""
@@ -41,8 +44,10 @@ NARROW = 0.25
 FINE = 2 * PLACES - 1
 """Number of points in a cell at which |r'| is evaluated for its length."""
 
-Derivatives = Callable[[Int[np.ndarray, "*n"], Float[np.ndarray, "*n"]], Float[np.ndarray, "3 3 *n"]]
-"""Function that returns the first three derivatives of the path at places −1 ≤ s ≤ 1 in segments."""
+Derivatives = Callable[[Int[np.ndarray, "*n"], Float[np.ndarray, "*n"]], Float[np.ndarray, "3 components *n"]]
+"""Function that returns the first three derivatives of the path at places −1 ≤ s ≤ 1 in segments.
+
+The components are those of all bodies."""
 
 
 class Cells(NamedTuple):
@@ -95,6 +100,7 @@ def resolved(shape: Shape) -> Cells:
     """Return cells in which the path turns little, and in which |r'| varies little."""
     count = shape.spans.size
     cells, total = Cells(np.arange(count), np.zeros(count), np.ones(count)), 0.0
+    fastest = None
     while cells.half.size < FEWEST:
         cells = cells.halved(np.ones(cells.half.size, bool))
     candidates = np.ones(cells.half.size, bool)
@@ -104,8 +110,9 @@ def resolved(shape: Shape) -> Cells:
         speed = np.sqrt(np.sum(r1 * r1, axis=0))
         length = speed.mean(axis=1) * shape.lengths(own)
         total = total or length.sum()
-        along = np.sum(r1[..., 1:] * r1[..., :-1], axis=0)
-        turn = np.arctan2(np.linalg.norm(np.cross(r1[..., 1:], r1[..., :-1], axis=0), axis=0), along).sum(axis=1)
+        bodies = r1.reshape(-1, 3, *r1.shape[1:])
+        fastest = np.linalg.norm(bodies, axis=1).max(axis=(1, 2)) if fastest is None else fastest
+        turn = _turns(bodies, fastest).max(axis=0)
         uneven = speed.max(axis=1) > UNEVEN * speed.min(axis=1)
         halved = np.zeros(candidates.size, bool)
         halved[candidates] = ((turn > TURN) | uneven) & (length > SMALLEST * total)
@@ -113,6 +120,21 @@ def resolved(shape: Shape) -> Cells:
             break
         cells, candidates = cells.halved(halved), np.repeat(halved, 1 + halved)
     return cells
+
+
+def _turns(
+    r1: Float[np.ndarray, "bodies 3 cells {FINE}"], fastest: Float[np.ndarray, " bodies"]
+) -> Float[np.ndarray, "bodies cells"]:
+    """Return the angles by which bodies turn in the cells [rad]; one of several bodies may be at rest.
+
+    `fastest` are the largest |r'| of the bodies on the whole path.
+    """
+    after, before = r1[..., 1:], r1[..., :-1]
+    across = np.linalg.norm(np.cross(after, before, axis=1), axis=1)
+    turns = np.arctan2(across, np.sum(after * before, axis=1))
+    if len(r1) > 1:  # the direction of a body that is almost at rest consists of rounding errors
+        turns = np.where(np.linalg.norm(before, axis=1) > ALMOST_AT_REST * fastest[:, None, None], turns, 0.0)
+    return turns.sum(axis=-1)
 
 
 class Profile(NamedTuple):
@@ -243,7 +265,7 @@ def _errors(shape: Shape, task: Task, cells: Cells, p: Profile) -> Float[np.ndar
         a, pace, accelerations = (x[:, 1:-1].mean(axis=1) for x in p[:3])
         value = p.fourth / (32 * a)
         slope = p.fourth * pace / (4 * length * accelerations)
-        bend = BEND * p.fourth * pace * np.sqrt(a) / (length**2 * float(strictest(task.bounds).get("jerk", np.inf)))
+        bend = BEND * p.fourth * pace * np.sqrt(a) / (length**2 * task.jerk)
         return p.times * (np.nan_to_num(value) + sum(np.minimum(np.nan_to_num(x), 1.0) for x in (slope, bend)))
 
 

@@ -26,13 +26,13 @@ def tightened(c: Constraints, factors: Float[Any, "count *nodes"]) -> Constraint
     bends = None if bends is None else bends.scaled(own_sides)
     if combined is not None:
         combined = combined._replace(factor=combined.factor * factors[c.before_combined])
-    jerk = None if c.jerk is None else c.jerk * factors[None, None, c.before_jerk] ** 2
+    jerk = None if c.jerk is None else c.jerk * factors[c.before_jerk : c.before_road, None, None] ** 2
     return Constraints(c.upper * factors[0], c.forms * forms, c.sides * sides, jerk, own, bends, combined)
 
 
 def squares(p: Parts) -> np.ndarray:
     """Return the power of a factor with which each constraint is multiplied if its limit is divided by the factor."""
-    quadratic = (p.combined is not None) + (p.jerk is not None)
+    quadratic = (p.combined is not None) + (0 if p.jerk is None else len(p.jerk))
     road = 0 if p.road is None else len(ROAD)
     return np.array([1.0] + [2.0] * len(p.forms) + [1.0] * len(p.sides) + [2.0] * quadratic + [1.0] * road)
 
@@ -78,9 +78,11 @@ def gradients(c: Constraints, v: Float[Any, "orders *nodes"]) -> Gradients:
     flat = xp.concatenate([2 * _products(xp, c.forms, v), sides, *combined])
     found.append(flat if c.jerk is None else xp.concatenate([flat, xp.zeros_like(flat[:, :1])], axis=1))
     if c.jerk is not None:
-        slope = _product(xp, c.jerk, v)
-        own = 2 * v[0][None] * slope
-        found.append(xp.concatenate([own[:1] + _dot(xp, slope, v)[None], own[1:]])[None])
+        slope = _products(xp, c.jerk, v)
+        own = 2 * v[0][None, None] * slope
+        found.append(
+            xp.concatenate([own[:, :1] + xp.einsum("ki...,i...->k...", slope, v)[:, None], own[:, 1:]], axis=1)
+        )
     if c.road is not None:
         more = [] if c.jerk is None else [zero[0]]
         found += [xp.stack([*x, *more])[None] for x in road.gradients(c.road, v)]
@@ -109,11 +111,12 @@ def second_derivatives(
         found[:2, :2] += multipliers[c.before_combined] * symmetric(np.stack(c.combined.second(v)))
     found[:2, :2] += np.einsum("f...,fij...->ij...", 2 * multipliers[1 : 1 + count], c.forms)
     if c.jerk is not None:
-        own, last = _product(np, c.jerk, v), multipliers[c.before_jerk]
-        found += 2 * last * v[0] * c.jerk
-        found[0] += last * own
-        found[:, 0] += last * own
-        found[0, 0] += last * _dot(np, own, v) / (2 * a)
+        last = multipliers[c.before_jerk : c.before_road]
+        own = np.einsum("k...,ki...->i...", last, _products(np, c.jerk, v))
+        found += np.einsum("k...,kij...->ij...", 2 * last * v[0][None], c.jerk)
+        found[0] += own
+        found[:, 0] += own
+        found[0, 0] += np.einsum("i...,i...->...", own, v) / (2 * a)
     if c.road is not None:
         found[:2, :2] += symmetric(np.stack(road.second_derivatives(c.road, multipliers[c.before_road :])))
     return found
@@ -133,7 +136,9 @@ def _squares(c: Constraints | Parts, v: Float[Any, "orders *nodes"]) -> list[Flo
     """Return the squares of the quantities of the forms, divided by their limits, and that of the jerk."""
     xp = namespace(v, c.upper)
     forms = xp.einsum("fi...,i...->f...", _products(xp, c.forms, v), v[:2])
-    return [forms] if c.jerk is None else [forms, (v[0] * _dot(xp, _product(xp, c.jerk, v), v))[None]]
+    if c.jerk is None:
+        return [forms]
+    return [forms, v[0][None] * xp.einsum("ki...,i...->k...", _products(xp, c.jerk, v), v)]
 
 
 def _of_sides(c: Constraints | Parts, v: Float[Any, "orders *nodes"]) -> Float[Any, "sides *nodes"]:
@@ -142,13 +147,5 @@ def _of_sides(c: Constraints | Parts, v: Float[Any, "orders *nodes"]) -> Float[A
     return affine if c.bends is None else affine + c.bends.values(v[0])[0]
 
 
-def _products(xp: Any, forms: Float[Any, "forms 2 2 *nodes"], v: Any) -> Float[Any, "forms 2 *nodes"]:
-    return xp.einsum("fij...,j...->fi...", forms, v[:2])
-
-
-def _product(xp: Any, matrix: Float[Any, "3 3 *nodes"], v: Float[Any, "3 *nodes"]) -> Float[Any, "3 *nodes"]:
-    return xp.einsum("ij...,j...->i...", matrix, v)
-
-
-def _dot(xp: Any, x: Float[Any, "n *nodes"], y: Float[Any, "n *nodes"]) -> Float[Any, "*nodes"]:
-    return xp.einsum("i...,i...->...", x, y)
+def _products(xp: Any, forms: Float[Any, "forms n n *nodes"], v: Any) -> Float[Any, "forms n *nodes"]:
+    return xp.einsum("fij...,j...->fi...", forms, v[: forms.shape[1]])

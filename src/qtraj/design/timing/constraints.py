@@ -69,13 +69,14 @@ class Constraints(NamedTuple):
 
     Here a = u̇², and a prime denotes the derivative with respect to the path parameter u. There is one form for each
     limit of `FORMS` that is set. `sides` are the coefficients of 1, a and a' in functions that are at most 1, one for
-    each limit of `SIDED` that is set. `jerk` is None without a limit on the jerk, and `road` is None without a vehicle.
+    each limit of `SIDED` that is set. `jerk` has one form for each body with a limit on the jerk, and is None without
+    one. `road` is None without a vehicle.
     """
 
     upper: Float[Any, "*nodes"]
     forms: Float[Any, "forms 2 2 *nodes"]
     sides: Float[Any, "sides 3 *nodes"]
-    jerk: Float[Any, "3 3 *nodes"] | None = None
+    jerk: Float[Any, "jerks 3 3 *nodes"] | None = None
     road: Road | None = None
     bends: Curve | None = None
     combined: Combined | None = None
@@ -88,7 +89,7 @@ class Constraints(NamedTuple):
     @property
     def before_road(self) -> int:
         """Number of constraints at each node without those of `road`."""
-        return self.before_jerk + (self.jerk is not None)
+        return self.before_jerk + (0 if self.jerk is None else len(self.jerk))
 
     @property
     def before_jerk(self) -> int:
@@ -112,7 +113,7 @@ class Parts(NamedTuple):
     upper: Float[Any, "uppers *nodes"]
     forms: Float[Any, "forms 2 2 *nodes"]
     sides: Float[Any, "sides 3 *nodes"]
-    jerk: Float[Any, "3 3 *nodes"] | None = None
+    jerk: Float[Any, "jerks 3 3 *nodes"] | None = None
     road: Road | None = None
     bends: Curve | None = None
     combined: Combined | None = None
@@ -184,7 +185,7 @@ def parts(
     if "jerk" in bounds:
         level = i.J, 3 * half * dot(r2, r3), 9 * half * half * i.A
         entries = xp.stack([*level, second * i.C, 3 * half * second * i.B, second**2 * i.S])
-        jerk = symmetric(entries / bounds["jerk"] ** 2)
+        jerk = symmetric(entries / bounds["jerk"] ** 2)[None]
     across = _across(i, moving)
     lateral = [largest_squares(x, across, i.v) for name, x in by_speed.items() if name in UPPER]
     upper = [_upper(name, i, bounds, moving) if name in bounds else lateral[0] for name in UPPER if name in given]

@@ -28,12 +28,12 @@ def initial(p: Program) -> Float[Any, "batch cells+3"]:
     count = knots.size
     highest, largest = 1 / c.upper[:, 0], p.largest[:, 0]
     if c.jerk is not None:
-        # Without any upper bound, a limit on the jerk determines the order of magnitude: a·(a'')²·c.jerk[2, 2] ≤ 1.
-        steepest = c.jerk[2, 2].max(axis=(1, 2))[:, None]
+        # Without any upper bound, a limit on the jerk determines the order of magnitude: a·(a'')²·c.jerk[:, 2, 2] ≤ 1.
+        steepest = c.jerk[:, 2, 2].max(axis=(0, 2, 3))[:, None]
         typical = np.where(steepest > 0, np.cbrt(float(count) ** 4 / np.where(steepest > 0, steepest, 1.0)), np.inf)
         free = np.all(highest > 0.5 * largest, axis=1)[:, None]
         highest = np.where(free, np.minimum(highest, typical), highest)
-        highest = 1 / np.maximum(1 / highest, np.cbrt(c.jerk[0, 0, :, 0]))
+        highest = 1 / np.maximum(1 / highest, np.cbrt(c.jerk[:, 0, 0, :, 0].max(axis=0)))
     if c.road is not None:
         highest = np.minimum(highest, steady(c.road)[:, 0])
     most = np.minimum(RANGE * highest.min(axis=1), largest.min(axis=1))  # finite at stops, too

@@ -173,10 +173,13 @@ class Retimed(AbstractOutcome):
             when, where = (float(np.asarray(x)[at]) for x in (self.braking_time, self.braking_distance))
             proved = "satisfied at all samples" if source(self.path.path) is None else "proved to be satisfied"
             before = "; ".join(x.statement for x in self.certificate.findings(at) if not x.met)
+            limits = "limits on the longitudinal acceleration and the jerk allow"
+            if "jerk" not in self.certificate.names:
+                limits = "limit on the longitudinal acceleration allows"
             return (
                 f"converged: the fastest timing takes {time:.6g} s. start_speed is higher than the limits allow, so "
-                "the vehicle first brakes as strongly as the limit on the longitudinal acceleration allows. From "
-                f"t = {when:.4g} s ({where:.4g} m) on, every limit is {proved}. Before: {before}."
+                f"the vehicle first brakes as strongly as the {limits}. From t = {when:.4g} s ({where:.4g} m) on, "
+                f"every limit is {proved}. Before: {before}."
             )
         if code in FAILED_SEARCH and (steep := self._too_steep(at)):
             return steep
@@ -243,11 +246,6 @@ class Retimed(AbstractOutcome):
             return (
                 "If start_speed is the higher one, add a limit on longitudinal_acceleration: then the vehicle brakes "
                 "from start_speed until it is within the limits. Without this limit, braking is unbounded."
-            )
-        if "jerk" in self.certificate.names:
-            return (
-                "If start_speed is the higher one, omit the limit on the jerk: then the vehicle brakes from "
-                "start_speed until it is within the limits. With a limit on the jerk, it must start within the limits."
             )
         return (
             "A start_speed above the limits is possible only if the vehicle can brake until it is within the limits "

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from qtraj.design.ellipse import OfSpeed
+from qtraj.design.timing.bodies import rows_of
 from qtraj.design.timing.cells import Shape
 from qtraj.design.timing.grid import Grid, path_derivatives
 from qtraj.design.timing.parts import Part, known_segments
@@ -30,7 +32,7 @@ class Posed(NamedTuple):
     """A path, its polynomials or None, its limits with their names, and the arguments of `retime` for its cells.
 
     `knots` is None if the cells are chosen for the `tolerance`. The squared rate u̇² of the result is reduced by the
-    fraction `slower`.
+    fraction `slower`. `others` are the paths and the limits of further bodies with the same timing.
     """
 
     path: AbstractHodograph
@@ -42,6 +44,22 @@ class Posed(NamedTuple):
     knots: int | None
     tolerance: float
     slower: float = 0.0
+    others: tuple[tuple[AbstractHodograph, dict[str, Any]], ...] = ()
+
+    @property
+    def all_bounds(self) -> tuple[dict[str, Any], ...]:
+        """The limits of all bodies."""
+        return (self.bounds, *(bounds for _, bounds in self.others))
+
+    @property
+    def rows(self) -> tuple[str, ...]:
+        """The names of the limits in the order of the rows of arrays."""
+        return rows_of(self.all_bounds, self.vehicle is not None)
+
+    @property
+    def limits_jerk(self) -> bool:
+        """Whether the jerk of a body is limited."""
+        return any("jerk" in bounds for bounds in self.all_bounds)
 
 
 class Searched(NamedTuple):
@@ -107,7 +125,7 @@ class Drafted(NamedTuple):
 def searched(p: Posed, part: Part, grid: Grid, ends: Any, rest: tuple[bool, bool]) -> Searched:
     """Search for the fastest timing on a grid."""
     problem, t, knots = _problem(p, part, grid, ends, rest)
-    return Searched(grid, fastest(problem, t), knots, last_gap(t.grid.cells, "jerk" in p.bounds), rest)
+    return Searched(grid, fastest(problem, t), knots, last_gap(t.grid.cells, p.limits_jerk), rest)
 
 
 def first_search(
@@ -136,12 +154,17 @@ def _problem(
     joint = np.diff(grid.segment) > 0
     smooth = np.full(grid.cells - 1, 2)
     smooth[joint] = part.smooth[grid.segment[:-1][joint] - part.first]
-    problem = Problem(p.path, start, end, p.bounds, ends, p.vehicle, np.array(part.stops))
+    problem = Problem(p.path, start, end, p.bounds, ends, p.vehicle, np.array(part.stops), p.others)
     return problem, tables(grid, rest, p.lap, smooth), start + grid.knots * ((end - start) / grid.knots[-1])
 
 
-def shape_of(path: AbstractHodograph, part: Part) -> Shape:
-    """Return the derivatives of a part of a path with concrete values."""
+def shape_of(path: AbstractHodograph, part: Part, others: Sequence[AbstractHodograph] = ()) -> Shape:
+    """Return the derivatives of a part of a path with concrete values, with the components of all `others`, too."""
+    if others:
+        shapes = [shape_of(x, part) for x in (path, *others)]
+        return shapes[0]._replace(
+            derivatives=lambda i, place: np.concatenate([x.derivatives(i, place) for x in shapes], axis=1)
+        )
     if isinstance(path, Route):
         segments = known_segments(path).part(slice(part.first, part.last))
 
@@ -165,7 +188,8 @@ def task_of(p: Posed, ends: Any, part: Part, rest: tuple[bool, bool], shape: Sha
     at_rest = np.array(rest) | np.array(part.stops)
     squares = np.where(at_rest, 0.0, np.asarray(ends)) * np.sum(r1 * r1, axis=0)
     most = float(squares[0]), float(squares[1])
-    return Task({name: _known(x) for name, x in p.bounds.items()}, p.vehicle, most, p.lap)
+    first, *others = ({name: _known(x) for name, x in bounds.items()} for bounds in p.all_bounds)
+    return Task(first, p.vehicle, most, p.lap, tuple(others))
 
 
 def _known(bound: Any) -> Any:

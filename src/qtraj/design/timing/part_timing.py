@@ -63,7 +63,7 @@ def timed(p: Posed, part: Part, at_ends: Any, rest: tuple[bool, bool]) -> tuple[
         stands = np.full((len(NAMES), 1), PROVED, np.int32)
         return TimedPart(np.array([[1.0, 0, 0, 0]]), np.zeros((rows, 1)), stands, knots), None
     if p.knots is not None or is_traced(p.path, p.bounds, p.vehicle, at_ends):  # other cells would be compiled anew
-        x, excess = searched(p, part, _fixed(p, part), at_ends, rest), np.nan
+        x, excess = searched(p, part, fixed(p, part), at_ends, rest), np.nan
         proofs = _proved(p, x)
     else:
         x, excess = on_chosen_cells(p, part, at_ends, rest)
@@ -71,7 +71,7 @@ def timed(p: Posed, part: Part, at_ends: Any, rest: tuple[bool, bool]) -> tuple[
         if any(isinstance(bound, OfSpeed) for bound in p.bounds.values()) and not _all_proved(p, proofs[2]):
             # Large cells cannot follow a limit that changes within a small range of speeds.
             for cells in SMALL_CELLS:
-                again = searched(p, part, _fixed(p._replace(knots=cells), part), at_ends, rest)
+                again = searched(p, part, fixed(p._replace(knots=cells), part), at_ends, rest)
                 if _all_proved(p, (others := _proved(p, again))[2]):
                     x, excess, proofs = again, np.nan, others
                     break
@@ -89,7 +89,7 @@ def moving_time(parts: list[tuple[TimedPart, Grid | None]], rest: tuple[bool, bo
     return total
 
 
-def _fixed(p: Posed, part: Part) -> Grid:
+def fixed(p: Posed, part: Part) -> Grid:
     """Return cells of almost equal length."""
     if not isinstance(p.path, Route):
         return uniform(p.knots or KNOTS)

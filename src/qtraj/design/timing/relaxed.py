@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from qtraj.design.by_speed import BySpeed
 from qtraj.design.timing.constraints import Parts, parts
+from qtraj.design.varying import strictest
 from qtraj.path.quantity import COMBINED
 
 PLACES = 5
@@ -39,36 +40,43 @@ class Relaxed(NamedTuple):
 class Task(NamedTuple):
     """The limits by name, the parameters of a vehicle or None, and the largest squared speeds at both ends [m²/s²].
 
-    The end of a `lap` is its start.
+    The end of a `lap` is its start. `others` are the limits of further bodies.
     """
 
     bounds: dict[str, Any]
     vehicle: Any
     ends: tuple[float, float]
     lap: bool
+    others: tuple[dict[str, Any], ...] = ()
+
+    @property
+    def jerk(self) -> float:
+        """The lowest limit on the jerk [m/s³], or infinity."""
+        return min(float(strictest(bounds).get("jerk", np.inf)) for bounds in (self.bounds, *self.others))
 
 
 def relaxed(
-    r: Float[np.ndarray, "3 3 cells {PLACES}"],
+    r: Float[np.ndarray, "3 components cells {PLACES}"],
     distances: Float[np.ndarray, "cells {PLACES}-1"],
     task: Task,
 ) -> Relaxed:
-    """Return the relaxed timing for the derivatives `r` of the path, and the `distances` [m] between the samples."""
-    one: Any = np.ones(())
-    found = parts(r.reshape(3, 3, -1), one, task.bounds, task.vehicle)
+    """Return the relaxed timing for the derivatives `r` of the path, and the `distances` [m] between the samples.
+
+    The components of several bodies are those of one path in a space of more dimensions.
+    """
     square, length = np.sum(r[0] ** 2, axis=0), distances.sum()
-    slowest = _inverse_rates(found).reshape(square.shape)
+    slowest, limits = (x.reshape(-1, *square.shape) for x in _of_bodies(r.reshape(3, -1, 3, square.size), task))
+    slowest = slowest[0]
     highest = np.divide(square, slowest, out=np.full(square.shape, np.inf), where=(slowest > 0) & (square > 0))
     bounded = highest[np.isfinite(highest)].max(initial=0.0)
     for end, place in zip(task.ends, ((0, 0), (-1, -1)), strict=True):
         highest[place] = min(highest[place], end)
-    limits = _accelerations(found, task.bounds, np.sqrt(square).ravel()).reshape(2, *square.shape)
     known = limits[np.isfinite(limits)]
     most = bounded
     if not np.isfinite(highest).all() and known.size:  # what the accelerations can reach
         most = max(bounded, *(x for x in task.ends if np.isfinite(x)), 0.0) + 2 * known.max() * length
     most = most if most > 0 else 1.0
-    complete = known.size == limits.size
+    complete = known.size == limits.size and not task.others
     limits = np.where(np.isfinite(limits), limits, STEEP * most / length)
     changes = np.zeros(limits.shape)
     changes[..., :-1] = 2 * np.minimum(limits[..., 1:], limits[..., :-1]) * distances
@@ -80,6 +88,22 @@ def relaxed(
     times = np.divide(2 * distances, both, out=np.full(both.shape, np.inf), where=both > 0)
     low, high = limits.min(axis=0), limits.max(axis=0)
     return Relaxed(squares, np.where(low > 0, low, high), times.sum(axis=1), complete)
+
+
+def _of_bodies(r: Float[np.ndarray, "3 bodies 3 samples"], task: Task) -> tuple[Any, Any]:
+    """Return 1/a for the largest a = u̇² at the samples, and bounds on the acceleration and the deceleration [m/s²].
+
+    For several bodies, the latter are approximations: the ratio of the speed of a body to that of all varies slowly.
+    """
+    one: Any = np.ones(())
+    slowest, limits = [], []
+    whole = np.sqrt(np.sum(r[0] ** 2, axis=(0, 1)))
+    for own, bounds in zip(np.moveaxis(r, 1, 0), (task.bounds, *task.others), strict=True):
+        found, pace = parts(own, one, bounds, task.vehicle), np.sqrt(np.sum(own[0] ** 2, axis=0))
+        slowest.append(_inverse_rates(found))
+        share = np.divide(whole, pace, out=np.full(whole.shape, np.inf), where=pace > 0) if task.others else one
+        limits.append(_accelerations(found, bounds, pace) * share)
+    return np.max(slowest, axis=0), np.min(limits, axis=0)
 
 
 def _reachable(highest: Any, rises: Any, drops: Any, laps: int) -> Float[np.ndarray, " samples"]:

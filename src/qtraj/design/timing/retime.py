@@ -6,19 +6,17 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jax.lax import stop_gradient
 
 from qtraj.design.ellipse import OfSpeed
 from qtraj.design.limits import Limits, require_limits
 from qtraj.design.proof.certificate import require_float64
-from qtraj.design.timing import findings
 from qtraj.design.timing.braking import Braked, braked
 from qtraj.design.timing.by_speed import one_interval
-from qtraj.design.timing.constraints import NAMES, listed
+from qtraj.design.timing.constraints import NAMES
 from qtraj.design.timing.creeping import evenly
 from qtraj.design.timing.ends import Begun, begun
+from qtraj.design.timing.judged import judged
 from qtraj.design.timing.laps import require_lap, require_no_stops
 from qtraj.design.timing.outcome import Retimed
 from qtraj.design.timing.part_search import Posed
@@ -41,16 +39,14 @@ from qtraj.design.timing.requirements import (
     require_tolerance,
     speed_at,
 )
-from qtraj.design.timing.result_code import REACHED, accuracy_code, result_code
-from qtraj.design.timing.retimed_cells import Cells, of_parts
-from qtraj.design.timing.retimed_maxima import Limited, largest_in, values_in
+from qtraj.design.timing.result_code import REACHED, accuracy_code
+from qtraj.design.timing.retimed_cells import of_parts
 from qtraj.design.timing.road import ON_ROAD
 from qtraj.design.timing.road_cells import road_of
-from qtraj.design.timing.search import MARGIN
 from qtraj.design.timing.sources import source
 from qtraj.design.timing.standstill import with_stops
-from qtraj.design.timing.timing import RetimedPath, Timing, speeds_at_ends
-from qtraj.design.varying import Varying, in_cells, on_path, table, varies
+from qtraj.design.timing.timing import RetimedPath, speeds_at_ends
+from qtraj.design.varying import Varying, on_path, table
 from qtraj.foundation.arrays import constants, is_traced
 from qtraj.foundation.namespace import in_float64
 from qtraj.foundation.outcome import ResultCode
@@ -58,7 +54,6 @@ from qtraj.foundation.seconds import seconds
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.path.hodograph import AbstractHodograph, require_path
 from qtraj.path.road_on_path import RoadOnPath
-from qtraj.path.road_parameters import RoadParameters
 from qtraj.path.route import Route
 from qtraj.path.shape import Shape
 
@@ -93,11 +88,12 @@ def retime(
     velocity of `path` itself is not zero, the acceleration jumps, so a limit on the jerk applies only between the ends.
 
     A vehicle may start faster than the limits allow, because of a limit at the start or of a bend ahead. If the
-    longitudinal acceleration is limited and the jerk is not, it then brakes as strongly as this limit allows until it
-    meets the fastest timing from a lower speed. The code of the result is `starts_above_limits`, a success with a note:
-    every limit is satisfied from `braking_time` [s] and `braking_distance` [m] on. The certificate is for the whole
-    path, so the limits that are violated before are "broken", and `certificate.holds` is false. In all other cases, and
-    inside jit, the code is `end_speed_not_reached`, and the text says what to do.
+    longitudinal acceleration is limited, it then brakes as strongly as this limit allows until it meets the fastest
+    timing from a lower speed; with a limit on the jerk, braking ends gradually, and its first acceleration is free. The
+    code of the result is `starts_above_limits`, a success with a note: every limit is satisfied from `braking_time` [s]
+    and `braking_distance` [m] on. The certificate is for the whole path, so the limits that are violated before are
+    "broken", and `certificate.holds` is false. In all other cases, and inside jit, the code is `end_speed_not_reached`,
+    and the text says what to do.
 
     Let u be the path parameter. The function u̇²(u) is a cubic spline, whose cells are small where the path bends,
     where |r'(u)| is small and where the active limit changes. Cells are halved until the distance of the duration from
@@ -231,7 +227,7 @@ def _retimed(
     brakes = None if duration is not None else _braked(p, parts[0], found[0], begins)
     found[0] = found[0] if brakes is None else brakes[:2]
     traced = is_traced(p.path, p.bounds, p.vehicle, speeds)
-    judge = eqx.filter_jit(_judged) if traced else _judged
+    judge = eqx.filter_jit(judged) if traced else judged
     own, grids = (list(x) for x in zip(*found, strict=True))
     cells = of_parts(grids, [part.stops for part in parts])
     *result, code, steps, gap = judge(
@@ -255,46 +251,3 @@ def _braked(p: Posed, part: Part, found: tuple[TimedPart, Any], begins: Begun) -
     reached = np.sqrt(np.maximum(found[0].powers[0, 0], 0.0)) * begins.pace[0]
     missed = begins.pace[0] > 0 and reached < begins.wanted[0] * (1 - REACHED)
     return braked(p, part, found, begins.wanted[0]) if missed else None
-
-
-def _judged(
-    path: AbstractHodograph,
-    timed: list[TimedPart],
-    bounds: dict[str, Any],
-    speeds: tuple[Any, Any],
-    vehicle: RoadParameters | RoadOnPath | None,
-    cells: Cells,
-    names: tuple[str, ...],
-    rest: tuple[bool, bool],
-) -> tuple[Any, ...]:
-    """Combine the timings of all parts, and return the fields of `Retimed`."""
-    xp: Any = jnp if is_traced(path, timed, bounds, speeds, vehicle) else np
-    knots = xp.concatenate([timed[0].knots[:1], *(x.knots[1:] for x in timed)])
-    powers = xp.concatenate([x.powers for x in timed])
-    timing = Timing(powers, knots, rest)
-    own = np.array([NAMES.index(name) for name in names])
-    rows = listed(names, any(name in ON_ROAD for name in names))
-    usage = xp.concatenate([x.usage for x in timed], axis=1)
-    usage = usage[np.array([rows.index(name) for name in names])] * (1 - MARGIN)
-    codes = xp.concatenate([xp.asarray(x.codes) for x in timed], axis=1)[own]
-    codes = findings.with_straight(path, knots, codes, names)
-    cell = findings.worst_cell(codes, usage)
-    if varies(bounds):
-        bounds = in_cells(bounds, knots[:-1][cells.columns], knots[1:][cells.columns])
-    limited = Limited(RetimedPath(path, timing), cells, bounds, vehicle)
-    times, place, largest = largest_in(stop_gradient(limited) if xp is jnp else limited, cell, names)
-    largest = stop_gradient(largest) if xp is jnp else largest
-    values, limits = values_in(limited, (cell, place), largest, names)
-    certificate = findings.certificate(codes, times, values, limits, path.polynomials(), names)
-    pace, wanted = speeds
-    squares = xp.where(np.array(rest), 0.0, xp.stack([powers[0, 0], xp.sum(powers[-1])]))
-    ends = xp.where(squares > 0, xp.sqrt(xp.where(squares > 0, squares, 1.0)), 0.0) * pace
-    moving = [x for x in timed if x.found is not None]
-    searches: list[Any] = [x.found for x in moving]
-    found = xp.all(xp.stack([x.error for x in searches]) < xp.stack([x.enough for x in moving]))
-    time = timing.duration if xp is np else stop_gradient(timing.duration)
-    time = time + sum(found.sensitivity for found in searches) if xp is jnp else time
-    steps = sum((found.steps for found in searches), np.zeros((), np.int32))
-    code = result_code(xp, certificate.code, (found, searches), (ends, wanted), (powers, time))
-    gap = sum(x.excess for x in timed) / time
-    return RetimedPath(path, timing), time, certificate, usage, ends, code, steps, gap

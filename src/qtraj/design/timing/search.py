@@ -10,9 +10,10 @@ import numpy as np
 from jax.lax import stop_gradient
 from jaxtyping import Float
 
+from qtraj.design.timing.bodies import joined, rows_of
 from qtraj.design.timing.boundedness import largest
 from qtraj.design.timing.constraint_values import ratios, tightened
-from qtraj.design.timing.constraints import POWERS, UPPER, Constraints, Parts, listed, parts
+from qtraj.design.timing.constraints import POWERS, UPPER, Constraints, Parts, parts
 from qtraj.design.timing.grid import Shape, derivatives
 from qtraj.design.timing.interior_point import Program
 from qtraj.design.timing.on_host import on_host
@@ -43,7 +44,7 @@ class Problem(NamedTuple):
     """A part of a path from `start` to `end`, the given limits by name, and the bounds `ends` on a = u̇² at both ends.
 
     `vehicle` is None without limits on friction or power. `stops` indicates whether the velocity of the path is zero at
-    the start and at the end.
+    the start and at the end. `others` are the paths and the limits of further bodies with the same timing.
     """
 
     path: AbstractHodograph
@@ -53,6 +54,12 @@ class Problem(NamedTuple):
     ends: Float[Any, " 2"]
     vehicle: RoadParameters | RoadOnPath | None = None
     stops: Any = np.zeros(2, bool)
+    others: tuple[tuple[AbstractHodograph, dict[str, Any]], ...] = ()
+
+    @property
+    def rows(self) -> tuple[str, ...]:
+        """The names of the limits in the order of the rows of arrays."""
+        return rows_of([self.bounds, *(bounds for _, bounds in self.others)], self.vehicle is not None)
 
 
 class Found(NamedTuple):
@@ -82,11 +89,11 @@ def fastest(problem: Problem, t: Tables, start: Float[np.ndarray, " cells+3"] | 
     """
     if not is_traced(problem):
         return completed(drafted(problem, t, start))
-    names, search = tuple(problem.bounds), functools.partial(searched, t, problem.stops, start)
+    search = functools.partial(searched, t, problem.stops, start)
     program, places = eqx.filter_jit(_imposed)(problem, t)
     r = on_host(search, shapes(program, places), *constants((program[1:], places)))
     best, sensitivity = _differentiable(program, r)
-    powers, usage, error = eqx.filter_jit(_satisfied)(r, best, t, stop_gradient(places), names)
+    powers, usage, error = eqx.filter_jit(_satisfied)(r, best, t, stop_gradient(places), problem.rows)
     return Found(powers[t.filled], usage[:, t.filled], sensitivity, r.steps, error, r.unbounded)
 
 
@@ -127,7 +134,7 @@ def completed(d: Draft) -> Found:
 
 
 def _found(d: Draft, r: Result) -> Found:
-    powers, usage, error = _satisfied(r, r.coefficients, d.tables, d.places, tuple(d.problem.bounds))
+    powers, usage, error = _satisfied(r, r.coefficients, d.tables, d.places, d.problem.rows)
     zero, filled = np.zeros(()), d.tables.filled
     sensitivity: Any = zero
     return Found(powers[filled], usage[:, filled], sensitivity, r.steps, error, r.unbounded, lost(d.places, r)[filled])
@@ -145,13 +152,17 @@ def _imposed(problem: Problem, t: Tables) -> tuple[Program, Parts]:
         given = _at_points(given, t, shape)
     bounds = reduced(given, MARGIN)
     vehicle = at_points(problem.vehicle, t, shape)
-    found = parts(r, shape.per_cell, bounds, vehicle, t.cell >= cells // 2)
+    found = joined([parts(r, shape.per_cell, bounds, vehicle, t.cell >= cells // 2), *_of_others(problem, t, shape)])
     imposed: Parts = jax.tree.map(lambda x: x[..., :count].reshape(*x.shape[:-1], 2, cells + 1), found)
     between: Parts = jax.tree.map(lambda x: x[..., count:].reshape(*x.shape[:-1], CHECKED, cells), found)
     r1 = r[0, :, :count].reshape(3, 2, cells + 1)
     sizes = reduced(strictest(problem.bounds), MARGIN)
     given = r1, problem.end - problem.start, sizes, problem.ends, fixed(problem.vehicle)
     most = largest(*(stop_gradient(given) if xp is jnp else given))
+    for path, own in problem.others:
+        r1 = derivatives(shape._replace(path=path), grid, t.cell, t.place)[0, :, :count].reshape(r1.shape)
+        given = r1, given[1], reduced(own, MARGIN), *given[3:]
+        most = xp.minimum(most, largest(*(stop_gradient(given) if xp is jnp else given)))
     c = imposed.constraints(most)
     ends = np.zeros((2, cells + 1), bool), np.zeros((2, cells + 1), bool)
     ends[0][0, 0] = ends[1][0, cells] = True
@@ -170,6 +181,20 @@ def _imposed(problem: Problem, t: Tables) -> tuple[Program, Parts]:
     return Program(t.nodes, t.nodes.weight * shape.per_cell, c, most), between
 
 
+def _of_others(problem: Problem, t: Tables, shape: Shape) -> list[Parts]:
+    """Return the limits of the other bodies, which may be at rest at any knot."""
+    return [
+        parts(
+            derivatives(shape._replace(path=path), t.grid, t.cell, t.place),
+            shape.per_cell,
+            reduced(bounds, MARGIN),
+            None,
+            t.place > 0.5,
+        )
+        for path, bounds in problem.others
+    ]
+
+
 def _at_points(bounds: dict[str, Any], t: Tables, shape: Shape) -> dict[str, Any]:
     """Return the limits at all points; at a knot the stricter one of both cells that it joins."""
     u = np.asarray(shape.start + t.grid.knots * shape.per_cell)
@@ -182,15 +207,15 @@ def _at_points(bounds: dict[str, Any], t: Tables, shape: Shape) -> dict[str, Any
     return found
 
 
-def _satisfied(r: Result, best: Any, t: Tables, between: Parts, names: tuple[str, ...]) -> tuple[Any, Any, Any]:
+def _satisfied(r: Result, best: Any, t: Tables, between: Parts, rows: tuple[str, ...]) -> tuple[Any, Any, Any]:
     """Return the coefficients of a = u̇², the usage, and the error; slow down the timing if a violation remains.
 
-    `best` are the coefficients of the last search, with their derivatives.
+    `best` are the coefficients of the last search, with their derivatives, and `rows` the names of the limits.
 
     A violation that a slower timing does not reduce remains, and the certificate reports it.
     """
     xp = namespace(best, r.usage)
-    rows, on_road = listed(names, between.road is not None), slice(-len(ROAD), None)
+    on_road = slice(-len(ROAD), None)
     if between.road is None:
         slower = 1 / xp.maximum(xp.max(grouped(between, r.usage)), 1.0)
     else:
