@@ -65,7 +65,7 @@ def satisfied(path, a, **limits):
     usage = rounds.between_nodes(places, own.within, coefficients)
     nodes, ones = np.ones_like(program.largest), np.ones((program.constraints.per_node, CELLS))
     last = rounds.Result(coefficients, nodes, nodes, np.zeros(()), np.asarray(1e-9), ones, usage, np.zeros((), bool))
-    powers, after, error = search._satisfied(last, coefficients, own, places, tuple(bounds))
+    powers, after, error = search._satisfied(last, coefficients, own, places, ROWS)
     after[ROWS.index("speed")] **= 2
     return float(powers[0, 0] / a), usage, after, float(error)
 
