@@ -217,6 +217,11 @@ class ResultCode(enum.IntEnum):
         "a fixed heading needs a velocity about the axis (V_phi not zero) at that end. Remove the heading from "
         "fixed, or pass a placement with another axis.",
     )
+    route_ill_posed = (
+        ILL_POSED + 13,
+        "the route, a limit or the tube is not valid. Call the function with these numbers outside jit and vmap: the "
+        "error that it raises there says what is wrong.",
+    )
     state_not_finite = (
         ILL_POSED + 10,
         "a boundary position, a velocity or the placement is NaN or infinite. Pass finite numbers.",

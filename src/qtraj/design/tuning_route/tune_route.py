@@ -26,6 +26,7 @@ from qtraj.design.tuning_route.setup import Parts, parts, problem_of
 from qtraj.design.tuning_route.shapes import route_in_tube
 from qtraj.design.tuning_route.solution import Solution
 from qtraj.design.tuning_route.target import require_target
+from qtraj.design.tuning_route.traced import structure
 from qtraj.design.tuning_route.tuned_route import TunedRoute
 from qtraj.design.tuning_route.verdict import code_of, rank, result_of
 from qtraj.foundation.arrays import is_traced
@@ -151,8 +152,8 @@ def tune_route(
 
     if is_traced(route, limits, tube):
         require_differentiable(limits, nearest_to)
-        refuse_obstacles(limits, "tune_route inside grad or jvp", "omit the derivatives")
-        result = differentiable(route, limits, tube, names, objective, solve)
+        refuse_obstacles(limits, "tune_route inside jit, vmap, grad or jvp", "call it outside")
+        result = differentiable(route, limits, tube, structure(route, names, objective, closed), solve)
     else:
         result = solve(route, limits, tube).result
     return result.check() if throw else result
