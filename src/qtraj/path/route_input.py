@@ -9,7 +9,7 @@ import numpy as np
 from numpy.polynomial import polynomial as power
 
 from qtraj.foundation.arrays import as_float, as_seconds, concrete, real_scalar, require_finite, require_positive
-from qtraj.foundation.namespace import in_numpy, xp
+from qtraj.foundation.namespace import in_numpy, in_numpy_or_jit, xp
 from qtraj.foundation.types import ArrayInput
 from qtraj.path import pieces
 from qtraj.path.hodograph import require_path
@@ -37,7 +37,7 @@ def from_states(times: ArrayInput, orders: Sequence[ArrayInput]) -> Pieces:
     return _joined(joints, states)
 
 
-@in_numpy
+@in_numpy_or_jit
 def _joined(joints: Any, states: list[Any]) -> Pieces:
     elapsed, origin = joints - joints[0], states[0][0]
     local = xp.stack([states[0] - origin[None], *states[1:]], axis=1)

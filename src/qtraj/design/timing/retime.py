@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -18,6 +17,7 @@ from qtraj.design.timing.braking import Braked, braked
 from qtraj.design.timing.by_speed import one_interval
 from qtraj.design.timing.constraints import NAMES, listed
 from qtraj.design.timing.creeping import evenly
+from qtraj.design.timing.differentiated import at_ends, joined, with_derivatives
 from qtraj.design.timing.ends import Begun, begun
 from qtraj.design.timing.laps import require_lap, require_no_stops
 from qtraj.design.timing.outcome import Retimed
@@ -231,7 +231,7 @@ def _retimed(
     brakes = None if duration is not None else _braked(p, parts[0], found[0], begins)
     found[0] = found[0] if brakes is None else brakes[:2]
     traced = is_traced(p.path, p.bounds, p.vehicle, speeds)
-    judge = eqx.filter_jit(_judged) if traced else _judged
+    judge = with_derivatives(_judged) if traced else _judged
     own, grids = (list(x) for x in zip(*found, strict=True))
     cells = of_parts(grids, [part.stops for part in parts])
     *result, code, steps, gap = judge(
@@ -269,7 +269,7 @@ def _judged(
 ) -> tuple[Any, ...]:
     """Combine the timings of all parts, and return the fields of `Retimed`."""
     xp: Any = jnp if is_traced(path, timed, bounds, speeds, vehicle) else np
-    knots = xp.concatenate([timed[0].knots[:1], *(x.knots[1:] for x in timed)])
+    knots = joined([x.knots for x in timed])
     powers = xp.concatenate([x.powers for x in timed])
     timing = Timing(powers, knots, rest)
     own = np.array([NAMES.index(name) for name in names])
@@ -287,8 +287,7 @@ def _judged(
     values, limits = values_in(limited, (cell, place), largest, names)
     certificate = findings.certificate(codes, times, values, limits, path.polynomials(), names)
     pace, wanted = speeds
-    squares = xp.where(np.array(rest), 0.0, xp.stack([powers[0, 0], xp.sum(powers[-1])]))
-    ends = xp.where(squares > 0, xp.sqrt(xp.where(squares > 0, squares, 1.0)), 0.0) * pace
+    ends = at_ends(powers, pace, rest)
     moving = [x for x in timed if x.found is not None]
     searches: list[Any] = [x.found for x in moving]
     found = xp.all(xp.stack([x.error for x in searches]) < xp.stack([x.enough for x in moving]))

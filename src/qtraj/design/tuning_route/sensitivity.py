@@ -91,12 +91,11 @@ def variables(s: Structure, data: Data, found: Searched) -> Array:
 @variables.def_jvp
 def _variables_jvp(primals: tuple[Structure, Data, Searched], tangents: tuple[None, Data, None]) -> tuple[Array, Array]:
     s, data, found = primals
-    zeros = jax.tree.map(lambda x, dx: jnp.zeros_like(x) if dx is None else dx, data, tangents[1])
-    return jnp.asarray(found.z), _change(s, found, data, zeros)
+    return jnp.asarray(found.z), _change(s, found, data, tangents[1])
 
 
 def _change(s: Structure, found: Searched, data: Data, change: Data) -> Array:
-    """Return the change of the variables that a change of the data causes."""
+    """Return the change of the variables that a change of the data causes; None for data that do not change."""
     at = traced.refined(s, found)
     return _solved(s, found.fields, found.state, at, data, change)
 
@@ -133,7 +132,8 @@ def _right(
 
         return jax.grad(lagrangian)(z), constraints(moved, z)
 
-    _, (gradient, gaps) = jax.jvp(conditions, (data,), (change,))
+    own, found = eqx.filter_jvp(conditions, (data,), (change,))
+    gradient, gaps = jax.tree.map(lambda x, dx: jnp.zeros_like(x) if dx is None else dx, own, found)
     _, pull = jax.vjp(lambda z: constraints(problem, z), z)
     forces = pull(tuple(k * g for k, g in zip(at.stiffness, gaps, strict=True)))[0]
     return jnp.where(problem.free, -circuit.gathered(problem, gradient + forces), 0.0)
