@@ -34,9 +34,7 @@ from qtraj.path import pieces
 from qtraj.path.route import Route, from_segments
 
 
-def differentiable(
-    route: Route, limits: Limits, tube: Any, s: Structure, solve: Solve
-) -> TunedRoute:
+def differentiable(route: Route, limits: Limits, tube: Any, s: Structure, solve: Solve) -> TunedRoute:
     """Return the result of `solve` as a differentiable function of its arguments.
 
     Inside `jit` and `vmap`, the search is one operation of JAX (see `traced`).
@@ -70,7 +68,9 @@ def differentiable(
 def _data(route: Route, limits: Limits, tube: Any, s: Structure) -> Data:
     given = limits.given()
     bounds = jnp.stack([jnp.asarray(given[name], float) for name in s.names]) if s.names else jnp.zeros(0)
-    widths = tuple(_width(x, len(s.curves.owner) + 1, s.padded) for x in (tube if isinstance(tube, tuple) else [tube] * 2))
+    widths = tuple(
+        _width(x, len(s.curves.owner) + 1, s.padded) for x in (tube if isinstance(tube, tuple) else [tube] * 2)
+    )
     return Data(route.starts, route.coefficients, route.duration, bounds, widths, route.progress)
 
 
@@ -112,9 +112,7 @@ def _solved(s: Structure, fields: dict[str, Any], state: Any, at: Refined, data:
     return circuit.repeated(problem, dz) * factor
 
 
-def _right(
-    s: Structure, problem: RouteProblem, at: Refined, data: Data, change: Data
-) -> Float[Array, "joints 10"]:
+def _right(s: Structure, problem: RouteProblem, at: Refined, data: Data, change: Data) -> Float[Array, "joints 10"]:
     """Return the right-hand side of the linear system."""
     length, z = _length(problem, data, s), jnp.asarray(at.z)
     problem = _with_data(problem, data, s, length)  # the arrays of the search have zeros for padding

@@ -12,9 +12,9 @@ import jax
 import numpy as np
 
 from qtraj.design.limits import Limits, limits_of
+from qtraj.design.on_host import on_host
 from qtraj.design.proof.certificate import UNDEFINED, Certificate
 from qtraj.design.proof.route_certificate import RouteCertificate
-from qtraj.design.timing.on_host import on_host
 from qtraj.design.tuning_route import basis
 from qtraj.design.tuning_route.chain import Border, Chain
 from qtraj.design.tuning_route.curves import Curves, curves_of
@@ -202,7 +202,7 @@ def _fields(s: Structure) -> dict[str, tuple[tuple[int, ...], Any]]:
     """Return the shapes and types of the fields of the problem that the derivatives need."""
     n, nodes, limits = len(s.curves.first), len(basis.NODES), len(s.names)
     names = ("durations", "moving", "shortest", "longest", "pace", "jerk", "time", "per_time")
-    shapes: dict[str, tuple[tuple[int, ...], Any]] = {name: ((n,), float) for name in names}
+    shapes: dict[str, tuple[tuple[int, ...], Any]] = dict.fromkeys(names, ((n,), float))
     shapes |= {"ends": ((6, 3, n), float), "near": ((6, 6, n), float), "offset": ((3, nodes, n), float)}
     shapes |= {"squares": ((limits,), float), "unit": ((), float), "scale": ((BLOCK,), float)}
     shapes |= {"tube": ((2, nodes, n), float), "used": ((limits + 2, nodes, n), bool)}
@@ -241,7 +241,11 @@ def _refined_shapes(s: Structure, curves: int) -> Refined:
 def _padded(x: Any, like: Any) -> np.ndarray:
     """Return an array with zeros appended on each axis; as codes, these zeros are PROVED."""
     x = np.asarray(x)
-    return x if x.shape == like.shape else np.pad(x, [(0, size - own) for size, own in zip(like.shape, x.shape, strict=True)])
+    return (
+        x
+        if x.shape == like.shape
+        else np.pad(x, [(0, size - own) for size, own in zip(like.shape, x.shape, strict=True)])
+    )
 
 
 def _zeros(shapes: Any) -> Any:
@@ -258,5 +262,3 @@ def _failed(shapes: tuple[Searched, Facts]) -> tuple[Searched, Facts]:
     found, facts = jax.tree.map(missing, shapes)
     code = np.asarray(int(ResultCode.route_ill_posed))
     return found._replace(state=np.asarray(CONTRADICTED)), facts._replace(code=code, iterations=np.asarray(0))
-
-
