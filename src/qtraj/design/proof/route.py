@@ -30,8 +30,8 @@ from qtraj.path.vehicle import RoadParameters, fixed_parameters
 def certify_route(route: Route, limits: Limits) -> RouteCertificate:
     """Return the certificate of one `route` for `limits`; see `certify`.
 
-    **Raises:** ValueError for a batch of routes, for limits on forces on a banked road if the route reverses, and inside
-    a trace for limits that are not constant.
+    **Raises:** ValueError for a batch of routes, for limits on forces on a banked road if the route reverses, and
+    inside a trace for limits that are not constant.
     """
     if route.duration.ndim:
         raise ValueError("certify accepts one route: call it once for each route, or map it with jax.vmap")

@@ -120,8 +120,8 @@ def tune_route(
     Segments that change become quintics, and position, velocity and acceleration are continuous at their joints, even
     if they jump in the original route. Segments that do not change keep their coefficients and the jumps between them.
 
-    **Derivatives**: under `grad`, `jvp`, `jacfwd` and `jacrev`, `path`, `objective`, `displacement` and `delay` have the
-    derivatives of the optimum with respect to the route (the states of its joints and its times), the limits and the
+    **Derivatives**: under `grad`, `jvp`, `jacfwd` and `jacrev`, `path`, `objective`, `displacement` and `delay` have
+    the derivatives of the optimum with respect to the route (the states of its joints and its times), the limits and the
     tube, by the implicit function theorem. The derivatives refer to the problem of the last search, with limits at its
     instants and constant margins. They are NaN if that search does not converge, or if the limits contradict each
     other.
@@ -134,9 +134,9 @@ def tune_route(
 
     **Raises:** ValueError for a path that is not a route, a batch (use `jax.vmap`), a traced route in float32, an
     unknown objective, a limit on the natural trihedral (which does not exist on straights), traced arguments with a
-    traced vehicle, a road that changes along the way, limits that do, obstacles, `nearest_to` or a shape; inside `jit`
-    and `vmap`, a traced route with stops of `fit_route`, and a closed route with traced times; "fastest" without a limit that bounds the speed, `nearest_to` with another objective, half-widths that are not positive, a
-    wrong shape, or a `closed` route that does not end where it starts, has only one segment, or has different
+    traced vehicle, limits or a road that change along the way, obstacles or `nearest_to`; inside `jit` and `vmap`, a
+    shape, a traced route with stops of `fit_route`, and a closed route with traced times; "fastest" without a limit
+    that bounds the speed, `nearest_to` with another objective, half-widths that are not positive, a wrong shape, or a `closed` route that does not end where it starts, has only one segment, or has different
     half-widths at its ends; a fixed end inside an obstacle; for a shape also without widths and tube, with edges nearer
     than the margins, and without a fastest timing. RuntimeError with `throw` if a limit is not proved to be satisfied.
     """
