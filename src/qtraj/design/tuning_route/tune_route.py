@@ -121,9 +121,9 @@ def tune_route(
     if they jump in the original route. Segments that do not change keep their coefficients and the jumps between them.
 
     **Derivatives**: under `grad`, `jvp`, `jacfwd` and `jacrev`, `path`, `objective`, `displacement` and `delay` have
-    the derivatives of the optimum with respect to the route (the states of its joints and its times), the limits and the
-    tube, by the implicit function theorem. The derivatives refer to the problem of the last search, with limits at its
-    instants and constant margins. They are NaN if that search does not converge, or if the limits contradict each
+    the derivatives of the optimum with respect to the route (the states of its joints and its times), the limits and
+    the tube, by the implicit function theorem. The derivatives refer to the problem of the last search, with limits at
+    its instants and constant margins. They are NaN if that search does not converge, or if the limits contradict each
     other.
 
     Inside `jit` and `vmap`, the search is one operation that runs on the host, for one route after the other. If the
@@ -136,9 +136,10 @@ def tune_route(
     unknown objective, a limit on the natural trihedral (which does not exist on straights), traced arguments with a
     traced vehicle, limits or a road that change along the way, obstacles or `nearest_to`; inside `jit` and `vmap`, a
     shape, a traced route with stops of `fit_route`, and a closed route with traced times; "fastest" without a limit
-    that bounds the speed, `nearest_to` with another objective, half-widths that are not positive, a wrong shape, or a `closed` route that does not end where it starts, has only one segment, or has different
-    half-widths at its ends; a fixed end inside an obstacle; for a shape also without widths and tube, with edges nearer
-    than the margins, and without a fastest timing. RuntimeError with `throw` if a limit is not proved to be satisfied.
+    that bounds the speed, `nearest_to` with another objective, half-widths that are not positive, a wrong shape, or a
+    `closed` route that does not end where it starts, has only one segment, or has different half-widths at its ends; a
+    fixed end inside an obstacle; for a shape also without widths and tube, with edges nearer than the margins, and
+    without a fastest timing. RuntimeError with `throw` if a limit is not proved to be satisfied.
     """
     route, limits = in_float64((route, limits))
     if isinstance(route, Shape):
