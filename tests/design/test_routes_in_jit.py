@@ -143,7 +143,7 @@ def test_invalid_numbers_inside_jit_have_a_code(compiled):
     assert np.isnan(result.objective)
     assert not bool(result.converged)
     assert not bool(result.certificate.holds)
-    assert "outside jit and vmap" in result.result
+    assert "Outside jit and vmap" in result.result
 
 
 def test_what_cannot_be_traced_is_refused():
