@@ -40,7 +40,7 @@ class RouteCertificate(AbstractOutcome):
         segments: Certificate,
         starts: ArrayInput,
         broken: ArrayInput | None = (),
-        broken_limits: ArrayInput = (),
+        broken_limits: ArrayInput | None = (),
     ):
         self.whole, self.segments, self.starts = whole, segments, as_float(starts)
         self.broken = self.broken_limits = None

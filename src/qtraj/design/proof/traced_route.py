@@ -56,13 +56,14 @@ def certify_traced(route: Route, limits: Limits, certify: Certify) -> RouteCerti
         more = found.starts, found.broken, found.broken_limits
         own = _arrays(found, names)
     else:
-        own, more = _on_host(*known, names, proved), (known[0].starts, None, None)
+        both: Any = known
+        own, more = _on_host(*both, names, proved), (known[0].starts, None, None)
     codes, times, values, row = own
     values = _values(route, road, names, times, values)
     column = np.arange(len(names))
     limits_of_rows = jnp.broadcast_to(bounds, codes.shape)
     parts = codes, times, values, limits_of_rows
-    whole = (jnp.asarray(x)[row, column] for x in parts)
+    whole: Any = (jnp.asarray(x)[row, column] for x in parts)
     return RouteCertificate(Certificate(names, *whole), Certificate(names, *parts), *more)
 
 

@@ -41,6 +41,7 @@ def differentiable(route: Route, limits: Limits, tube: Any, s: Structure, solve:
     """
     data, origin = _data(route, limits, tube, s), jax.lax.stop_gradient(route.origin)
     known, result = constants(data), None
+    facts: Any
     if is_traced(known, origin):
         found, facts = traced.searched(s, known, origin, limits.vehicle, solve)
     else:
@@ -68,7 +69,7 @@ def differentiable(route: Route, limits: Limits, tube: Any, s: Structure, solve:
 def _data(route: Route, limits: Limits, tube: Any, s: Structure) -> Data:
     given = limits.given()
     bounds = jnp.stack([jnp.asarray(given[name], float) for name in s.names]) if s.names else jnp.zeros(0)
-    widths = tuple(
+    widths: Any = tuple(
         _width(x, len(s.curves.owner) + 1, s.padded) for x in (tube if isinstance(tube, tuple) else [tube] * 2)
     )
     return Data(route.starts, route.coefficients, route.duration, bounds, widths, route.progress)

@@ -132,7 +132,7 @@ def as_arrays(s: Structure, found: Solution) -> Searched:
     if at is None or at.excess is not None:
         none = program.spread(np.zeros(program.full.size))
         return Searched(fields, found.z, none, none, none, np.asarray(UNCHANGED if at is None else CONTRADICTED))
-    own = (program.spread(x) for x in (at.slacks, at.multipliers, at.margins))
+    own: Any = (program.spread(x) for x in (at.slacks, at.multipliers, at.margins))
     return Searched(fields, found.z, *own, np.asarray(CHANGED))
 
 
@@ -145,9 +145,9 @@ def refined(s: Structure, found: Searched) -> Refined:
             return _zeros(shapes)
         own = _without_padding(s, found)
         program = RouteProgram(s.problem(own.fields))
-        flat = (program.flat(*x) for x in (own.slacks, own.multipliers, own.margins))
+        flat: Any = (program.flat(*x) for x in (own.slacks, own.multipliers, own.margins))
         at, matrix, done = polished(program, Iterate(own.z, *flat))
-        spread = (program.spread(x) for x in (at.multipliers, at.multipliers / at.slacks))
+        spread: Any = (program.spread(x) for x in (at.multipliers, at.multipliers / at.slacks))
         return jax.tree.map(_padded, Refined(at.z, *spread, matrix, np.asarray(done)), shapes)
 
     shapes = _refined_shapes(s, curves)
@@ -158,7 +158,7 @@ def linear_solution(matrix: Chain, right: Any) -> Any:
     """Return the solution of the linear system of the derivatives; on the host."""
 
     def of_one(matrix: Chain, right: Any) -> Any:
-        padding = ~matrix.diagonal.any(axis=(1, 2))
+        padding: Any = ~np.asarray(matrix.diagonal).any(axis=(1, 2))
         matrix = matrix._replace(diagonal=matrix.diagonal + padding[:, None, None] * np.eye(BLOCK))
         return solution(matrix, right)
 
@@ -184,7 +184,7 @@ def _without_padding(s: Structure, found: Searched) -> Searched:
     count = int(np.count_nonzero(fields["durations"]))  # padding has zeros
     own = {name: x[: count + 1] if name in _OF_JOINTS else x for name, x in fields.items()}
     own |= {name: x[..., :count] for name, x in fields.items() if name in OF_SEGMENTS}
-    rest = jax.tree.map(lambda x: x[..., :count], found[2:5])
+    rest: Any = jax.tree.map(lambda x: x[..., :count], found[2:5])
     return Searched(own, found.z[: count + 1], *rest, found.state)
 
 
