@@ -56,8 +56,7 @@ def certify_traced(route: Route, limits: Limits, certify: Certify) -> RouteCerti
         more = found.starts, found.broken, found.broken_limits
         own = _arrays(found, names)
     else:
-        both: Any = known
-        own, more = _on_host(*both, names, proved), (known[0].starts, None, None)
+        own, more = _on_host(known[0], known[1], names, proved), (known[0].starts, None, None)
     codes, times, values, row = own
     values = _values(route, road, names, times, values)
     column = np.arange(len(names))

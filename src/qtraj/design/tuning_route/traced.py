@@ -132,8 +132,8 @@ def as_arrays(s: Structure, found: Solution) -> Searched:
     if at is None or at.excess is not None:
         none = program.spread(np.zeros(program.full.size))
         return Searched(fields, found.z, none, none, none, np.asarray(UNCHANGED if at is None else CONTRADICTED))
-    own: Any = (program.spread(x) for x in (at.slacks, at.multipliers, at.margins))
-    return Searched(fields, found.z, *own, np.asarray(CHANGED))
+    slacks, multipliers, margins = (program.spread(x) for x in (at.slacks, at.multipliers, at.margins))
+    return Searched(fields, found.z, slacks, multipliers, margins, np.asarray(CHANGED))
 
 
 def refined(s: Structure, found: Searched) -> Refined:
@@ -147,8 +147,8 @@ def refined(s: Structure, found: Searched) -> Refined:
         program = RouteProgram(s.problem(own.fields))
         flat: Any = (program.flat(*x) for x in (own.slacks, own.multipliers, own.margins))
         at, matrix, done = polished(program, Iterate(own.z, *flat))
-        spread: Any = (program.spread(x) for x in (at.multipliers, at.multipliers / at.slacks))
-        return jax.tree.map(_padded, Refined(at.z, *spread, matrix, np.asarray(done)), shapes)
+        weights, stiffness = (program.spread(x) for x in (at.multipliers, at.multipliers / at.slacks))
+        return jax.tree.map(_padded, Refined(at.z, weights, stiffness, matrix, np.asarray(done)), shapes)
 
     shapes = _refined_shapes(s, curves)
     return on_host(_over(of_one), shapes, found)
@@ -184,8 +184,8 @@ def _without_padding(s: Structure, found: Searched) -> Searched:
     count = int(np.count_nonzero(fields["durations"]))  # padding has zeros
     own = {name: x[: count + 1] if name in _OF_JOINTS else x for name, x in fields.items()}
     own |= {name: x[..., :count] for name, x in fields.items() if name in OF_SEGMENTS}
-    rest: Any = jax.tree.map(lambda x: x[..., :count], found[2:5])
-    return Searched(own, found.z[: count + 1], *rest, found.state)
+    slacks, multipliers, margins = jax.tree.map(lambda x: x[..., :count], found[2:5])
+    return Searched(own, found.z[: count + 1], slacks, multipliers, margins, found.state)
 
 
 def _facts(s: Structure, found: Solution) -> Facts:
