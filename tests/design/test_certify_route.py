@@ -203,7 +203,7 @@ def test_certificates_can_be_stored_and_are_empty_without_limits(certified, tmp_
 
 def test_invalid_arguments(certified):
     route, _ = certified
-    with pytest.raises(ValueError, match="certify accepts one route with concrete values"):
-        jax.jit(lambda r: qt.certify(r, LIMITS).whole.codes)(route)
+    with pytest.raises(ValueError, match="certify accepts one route: call it once for each route"):
+        qt.certify(jax.tree.map(lambda x: np.stack([x, x]), route), LIMITS)
     with pytest.raises(ValueError, match="a corridor is supported only for a SpiralHelix"):
         qt.certify(route, LIMITS, corridor=1.0, reference=qt.SpiralHelix([1.0], [0.0, 1.0], [0.0], 1.0))

@@ -7,8 +7,11 @@ import pytest
 
 import qtraj as qt
 from qtraj.design.tuning_route import sensitivity
+from qtraj.design.tuning_route.iterate import Iterate
+from qtraj.design.tuning_route.polishing import polished
 from qtraj.design.tuning_route.problem import RouteProblem
 from qtraj.design.tuning_route.program import RouteProgram
+from qtraj.design.tuning_route.solution import Data
 
 NAMES = ("curvature", "speed", "lateral_acceleration")
 STEP = 1e-5
@@ -55,13 +58,13 @@ def tuned(theta):
 
 @pytest.fixture(scope="module")
 def forward():
-    """Values and derivatives along `DIRECTION`, and the solution behind them."""
+    """Values and derivatives along `DIRECTION`, and the search behind them."""
     found = []
     change = sensitivity._change
 
-    def seen(kind, solution, data, direction):
-        found.append((solution, data))
-        return change(kind, solution, data, direction)
+    def seen(structure, searched, data, direction):
+        found.append((structure, searched, data))
+        return change(structure, searched, data, direction)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sensitivity, "_change", seen)
@@ -71,20 +74,23 @@ def forward():
 
 def test_derivatives_are_finite_differences_of_the_solved_problem(forward):
     """The problem of the last search, with its margins, is solved again for data on both sides."""
-    _, slopes, found, data = forward
-    curves, known = found.curves, sensitivity.Known((found.curves, None))
-    length = sensitivity._length(found.problem, data, curves, "nearest")
+    _, slopes, structure, found, data = forward
+    given = structure.problem(found.fields)
+    length = sensitivity._length(given, data, structure)
 
     def solved(sign):
         theta = jax.tree.map(lambda x, d: x + sign * STEP * d, THETA, DIRECTION)
         route, limits, tube = jax.tree.map(jnp.asarray, arguments(theta))
         bounds = jnp.stack([limits.given()[name] for name in NAMES])
-        data = sensitivity.Data(route.starts, route.coefficients, route.duration, bounds, (tube, tube), None)
-        problem = sensitivity._with_data(found.problem, data, curves, "nearest", length)
-        problem = RouteProblem(*(x if isinstance(x, tuple) or x is None else np.asarray(x) for x in problem))
-        at, _, done = sensitivity.polished(RouteProgram(problem), found.at)
+        data = Data(route.starts, route.coefficients, route.duration, bounds, (tube, tube), None)
+        problem = sensitivity._with_data(given, data, structure, length)
+        program = RouteProgram(
+            RouteProblem(*(x if isinstance(x, tuple) or x is None else np.asarray(x) for x in problem))
+        )
+        flat = (program.flat(*x) for x in (found.slacks, found.multipliers, found.margins))
+        at, _, done = polished(program, Iterate(found.z, *flat))
         assert done
-        path, *rest = sensitivity._assembled(found.problem, data, at.z, route.origin, known, "nearest")
+        path, *rest = sensitivity._assembled(structure, found.fields, data, at.z, route.origin)
         return path.coefficients, path.duration, *rest
 
     for slope, above, below in zip(slopes, solved(1.0), solved(-1.0), strict=True):
@@ -93,7 +99,7 @@ def test_derivatives_are_finite_differences_of_the_solved_problem(forward):
 
 
 def test_reverse_mode_agrees_with_forward_mode(forward):
-    values, slopes, _, _ = forward
+    values, slopes, *_ = forward
 
     def number(theta):
         coefficients, duration, objective, displacement, delay = tuned(theta)
@@ -110,10 +116,3 @@ def test_values_are_those_without_derivatives(forward):
     for a, b in zip(forward[0], plain, strict=True):
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-9)
     assert float(plain[2]) > 1e-4, "the limits change the route"
-
-
-@pytest.mark.parametrize("transform", [jax.jit, lambda f: jax.vmap(f, ((0, None, None, None),))])
-def test_jit_and_vmap_are_refused(transform):
-    theta = (jnp.ones(2), *THETA[1:]) if transform is not jax.jit else THETA
-    with pytest.raises(ValueError, match="needs concrete values"):
-        transform(tuned)(theta)

@@ -217,6 +217,7 @@ class ResultCode(enum.IntEnum):
         "a fixed heading needs a velocity about the axis (V_phi not zero) at that end. Remove the heading from "
         "fixed, or pass a placement with another axis.",
     )
+    route_ill_posed = ILL_POSED + 13, "invalid route, limit or tube. Outside jit and vmap, the error says more."
     state_not_finite = (
         ILL_POSED + 10,
         "a boundary position, a velocity or the placement is NaN or infinite. Pass finite numbers.",

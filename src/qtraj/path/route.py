@@ -157,7 +157,7 @@ class Route(AbstractHodograph, AbstractResult):
         count = self.segments
         own = None if self.progress is None else known(self.progress)[:count]
         starts, c = (known(x)[:count] for x in (self.starts, self.coefficients))
-        return Segments(starts, c, np.diff(known(self.times)), own, known(self.origin))
+        return Segments(starts, c, np.diff(np.append(starts, known(self.duration))), own, known(self.origin))
 
     def length(self) -> Scalar:
         """Return the arc length [m] over the duration.

@@ -5,11 +5,21 @@ from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
 from numpy.polynomial import polynomial as power
 
-from qtraj.foundation.arrays import as_float, as_seconds, concrete, real_scalar, require_finite, require_positive
-from qtraj.foundation.namespace import in_numpy, xp
+from qtraj.foundation.arrays import (
+    as_float,
+    as_seconds,
+    concrete,
+    is_traced,
+    real_scalar,
+    require_finite,
+    require_positive,
+)
+from qtraj.foundation.namespace import in_numpy, in_numpy_or_jit, xp
 from qtraj.foundation.types import ArrayInput
 from qtraj.path import pieces
 from qtraj.path.hodograph import require_path
@@ -34,10 +44,21 @@ def from_states(times: ArrayInput, orders: Sequence[ArrayInput]) -> Pieces:
     """
     joints: Any = _times(times)
     states = [_states(x, name, joints) for x, name in zip(orders, NAMES, strict=False)]
-    return _joined(joints, states)
+    starts, c, duration, origin = _joined(joints, states)
+    if is_traced(states) and not is_traced(joints):
+        starts, duration = _known(np.asarray(joints), starts)
+    return starts, c, duration, origin
 
 
-@in_numpy
+def _known(joints: np.ndarray, starts: Any) -> tuple[Any, Any]:
+    """Return the starts and the duration as concrete arrays: inside jit, the number of segments remains known."""
+    elapsed = joints - joints[0]
+    padding = np.full(starts.shape[0] - elapsed.size + 1, np.inf)
+    with jax.ensure_compile_time_eval():
+        return tuple(jnp.asarray(x, starts.dtype) for x in (np.append(elapsed[:-1], padding), elapsed[-1]))  # type: ignore[return-value]
+
+
+@in_numpy_or_jit
 def _joined(joints: Any, states: list[Any]) -> Pieces:
     elapsed, origin = joints - joints[0], states[0][0]
     local = xp.stack([states[0] - origin[None], *states[1:]], axis=1)

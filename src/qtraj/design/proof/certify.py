@@ -88,6 +88,8 @@ def certify(
 
     For a batch of paths, each limit is a scalar or has the batch shape, and the certificate has this batch shape, too.
     Under `jit` and `vmap` the arrays of the certificate are available, but not its texts; the proof runs on the host.
+    The number of segments of a route is then unknown: `segments` has one row for each row of `route.coefficients`, of
+    which those of padding count as proved, with the value NaN, and there are no intervals of violation.
     The `times` and `values` come from a search in floats, which may miss a narrow peak that is well below the limit;
     no status of a polynomial path depends on this search. The `values` are differentiable with respect to the path
     (envelope theorem). A path in float32 is proved as the rational numbers that its coefficients are.

@@ -14,6 +14,7 @@ from qtraj.design.proof.on_road import OnRoad
 from qtraj.design.proof.route_certificate import RouteCertificate
 from qtraj.design.proof.route_intervals import Intervals, intervals
 from qtraj.design.proof.route_segments import findings, worst
+from qtraj.design.proof.traced_route import certify_traced
 from qtraj.design.proof.varying import limit_by_speed
 from qtraj.design.proof.varying_parts import Divided, excess, judged_parts
 from qtraj.foundation.arrays import is_traced
@@ -30,14 +31,14 @@ from qtraj.path.vehicle import fixed_parameters
 def certify_route(route: Route, limits: Limits) -> RouteCertificate:
     """Return the certificate of one `route` for `limits`; see `certify`.
 
-    **Raises:** ValueError for a batch of routes, inside a trace, and for limits on forces on a banked road if the route
-    reverses.
+    **Raises:** ValueError for a batch of routes, for limits on forces on a banked road if the route reverses, and
+    inside a trace for limits that are not constant.
     """
-    if route.duration.ndim or is_traced(route, limits):
-        raise ValueError(
-            "certify accepts one route with concrete values: call it outside jit, grad and vmap, once for each route"
-        )
+    if route.duration.ndim:
+        raise ValueError("certify accepts one route: call it once for each route, or map it with jax.vmap")
     limits.require_batch((), "the route")
+    if is_traced(route, limits):
+        return certify_traced(route, limits, certify_route)
     if limits.on_forces:
         require_one_direction(route, limits.vehicle)
     limits = limits.on(route)

@@ -24,26 +24,29 @@ class RouteCertificate(AbstractOutcome):
     - `whole`: the `Certificate` of the route, with the worst finding of all segments for each limit.
     - `segments`: a batch of certificates, one for each segment; their times are measured from the start of the route.
     - `starts` (segments,) [s]: the start times of the segments.
-    - `broken` (k, 2) [s]: the intervals of violation; `broken_limits` (k,) are the indices of the violated limits.
+    - `broken` (k, 2) [s]: the intervals of violation; `broken_limits` (k,) are the indices of the violated limits. Both
+      are None for a certificate from inside `jit` or `vmap`, where their number is unknown.
     """
 
     whole: Certificate
     segments: Certificate
     starts: Float[Array, " segments"]
-    broken: Float[Array, "k 2"]
-    broken_limits: Int[Array, " k"]
+    broken: Float[Array, "k 2"] | None
+    broken_limits: Int[Array, " k"] | None
 
     def __init__(
         self,
         whole: Certificate,
         segments: Certificate,
         starts: ArrayInput,
-        broken: ArrayInput = (),
-        broken_limits: ArrayInput = (),
+        broken: ArrayInput | None = (),
+        broken_limits: ArrayInput | None = (),
     ):
         self.whole, self.segments, self.starts = whole, segments, as_float(starts)
-        self.broken = as_float(np.reshape(np.asarray(broken, float), (-1, 2)))
-        self.broken_limits = as_array(np.reshape(np.asarray(broken_limits, int), -1), int)
+        self.broken = self.broken_limits = None
+        if broken is not None:
+            self.broken = as_float(np.reshape(np.asarray(broken, float), (-1, 2)))
+            self.broken_limits = as_array(np.reshape(np.asarray(broken_limits, int), -1), int)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -94,7 +97,13 @@ class RouteCertificate(AbstractOutcome):
         An interval starts and ends where the quantity crosses the limit, or at an end of a segment. In each segment
         that violates the limit, the crossings are located by repeated subdivision between 65 equally spaced instants
         and the instant of the worst value.
+
+        **Raises:** ValueError for a certificate from inside `jit` or `vmap`.
         """
+        if self.broken is None:
+            raise ValueError(
+                "the intervals of violation are not computed inside jit and vmap: call certify(path, limits) outside"
+            )
         k = self.names.index(name)
         intervals = np.asarray(self.broken)[np.asarray(self.broken_limits) == k]
         return [(float(a), float(b)) for a, b in intervals]
@@ -123,18 +132,19 @@ class RouteCertificate(AbstractOutcome):
         for name in ("status", "worst_value", "worst_time"):
             variables[f"segment_{name}"] = parts.variables[name]._replace(axes=("segment", "limit"))
         variables["segment_start"] = Quantity(self.starts, "s", "time at which a segment starts", ("segment",))
-        if len(self.broken):
+        if self.broken is not None and len(self.broken):
             names = np.array(self.names, dtype=str)[np.asarray(self.broken_limits)]
             variables["broken_limit"] = Quantity(names, "", "the limit that is violated in the interval", ("interval",))
             for k, name in enumerate(("start", "end")):
                 variables[f"broken_{name}"] = Quantity(self.broken[:, k], "s", f"{name} of the interval", ("interval",))
-        where = f"; {extent(len(self.broken))} intervals with a violated limit" if len(self.broken) else ""
+        count = 0 if self.broken is None else len(self.broken)
+        where = f"; {extent(count)} intervals with a violated limit" if count else ""
         summary = f"{len(self.starts)} segments: {self.whole.summary}{where}"
         return Record(summary, variables, whole.coordinates, whole.attributes)
 
     def __str__(self) -> str:
         lines = [str(self.whole)]
-        for name in self.names:
+        for name in self.names if self.broken is not None else ():
             spans = self.intervals(name)
             if spans:
                 listed = ", ".join(f"{a:.4g} to {b:.4g} s" for a, b in spans[:5])

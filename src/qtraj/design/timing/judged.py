@@ -10,6 +10,7 @@ from jax.lax import stop_gradient
 
 from qtraj.design.timing import findings
 from qtraj.design.timing.constraints import NAMES, listed
+from qtraj.design.timing.differentiated import at_ends, joined
 from qtraj.design.timing.part_timing import TimedPart
 from qtraj.design.timing.result_code import result_code
 from qtraj.design.timing.retimed_cells import Cells
@@ -36,7 +37,7 @@ def judged(
 ) -> tuple[Any, ...]:
     """Combine the timings of all parts, and return the fields of `Retimed`."""
     xp: Any = jnp if is_traced(path, timed, bounds, speeds, vehicle) else np
-    knots = xp.concatenate([timed[0].knots[:1], *(x.knots[1:] for x in timed)])
+    knots = joined([x.knots for x in timed])
     powers = xp.concatenate([x.powers for x in timed])
     timing = Timing(powers, knots, rest)
     own = np.array([NAMES.index(name) for name in names])
@@ -54,8 +55,7 @@ def judged(
     values, limits = values_in(limited, (cell, place), largest, names)
     certificate = findings.certificate(codes, times, values, limits, path.polynomials(), names)
     pace, wanted = speeds
-    squares = xp.where(np.array(rest), 0.0, xp.stack([powers[0, 0], xp.sum(powers[-1])]))
-    ends = xp.where(squares > 0, xp.sqrt(xp.where(squares > 0, squares, 1.0)), 0.0) * pace
+    ends = at_ends(powers, pace, rest)
     moving = [x for x in timed if x.found is not None]
     searches: list[Any] = [x.found for x in moving]
     found = xp.all(xp.stack([x.error for x in searches]) < xp.stack([x.enough for x in moving]))

@@ -16,6 +16,7 @@ from qtraj.algebra.bounded import BoundedPolynomial
 from qtraj.algebra.combined_claims import AnyClaim
 from qtraj.algebra.exact import ExactPolynomial
 from qtraj.design.ellipse import OfSpeed
+from qtraj.design.on_host import on_host
 from qtraj.design.proof.certificate import BROKEN, PROVED, UNDECIDED
 from qtraj.design.proof.deciding import Decided, decided
 from qtraj.design.proof.units import constants, times_power
@@ -23,7 +24,6 @@ from qtraj.design.timing.cell_claims import THIRD, CellClaims
 from qtraj.design.timing.cell_motions import CellMotions
 from qtraj.design.timing.constraints import NAMES
 from qtraj.design.timing.grid import Grid
-from qtraj.design.timing.on_host import on_host
 from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.roots import Enclosure, enclosure
 from qtraj.design.timing.sided import SIDES_OF_RATES, SLOWEST

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import equinox as eqx
 import jax
 import numpy as np
 
@@ -15,6 +14,7 @@ from qtraj.design.timing.braking import Braked, braked
 from qtraj.design.timing.by_speed import one_interval
 from qtraj.design.timing.constraints import NAMES
 from qtraj.design.timing.creeping import evenly
+from qtraj.design.timing.differentiated import with_derivatives
 from qtraj.design.timing.ends import Begun, begun
 from qtraj.design.timing.judged import judged
 from qtraj.design.timing.laps import require_lap, require_no_stops
@@ -227,7 +227,7 @@ def _retimed(
     brakes = None if duration is not None else _braked(p, parts[0], found[0], begins)
     found[0] = found[0] if brakes is None else brakes[:2]
     traced = is_traced(p.path, p.bounds, p.vehicle, speeds)
-    judge = eqx.filter_jit(judged) if traced else judged
+    judge = with_derivatives(judged) if traced else judged
     own, grids = (list(x) for x in zip(*found, strict=True))
     cells = of_parts(grids, [part.stops for part in parts])
     *result, code, steps, gap = judge(

@@ -10,13 +10,13 @@ import numpy as np
 from jax.lax import stop_gradient
 from jaxtyping import Float
 
+from qtraj.design.on_host import on_host
 from qtraj.design.timing.bodies import joined, rows_of
 from qtraj.design.timing.boundedness import largest
 from qtraj.design.timing.constraint_values import ratios, tightened
 from qtraj.design.timing.constraints import POWERS, UPPER, Constraints, Parts, parts
 from qtraj.design.timing.grid import Shape, derivatives
 from qtraj.design.timing.interior_point import Program
-from qtraj.design.timing.on_host import on_host
 from qtraj.design.timing.road import ROAD, slowing, without
 from qtraj.design.timing.road_cells import at_points, fixed
 from qtraj.design.timing.rounds import ALLOWED, Result, at_nodes, between_nodes, grouped, lost, searched, shapes

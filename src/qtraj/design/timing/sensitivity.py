@@ -24,9 +24,9 @@ import numpy as np
 from jax.lax import stop_gradient
 from jaxtyping import Float
 
+from qtraj.design.on_host import on_host
 from qtraj.design.timing.constraint_values import Gradients, changes, gradients, values, weighted
 from qtraj.design.timing.interior_point import Program, duration, factored, solved
-from qtraj.design.timing.on_host import on_host
 from qtraj.design.timing.seam import repeated
 from qtraj.design.timing.spline import Nodes, gathered, products
 from qtraj.foundation.types import Scalar

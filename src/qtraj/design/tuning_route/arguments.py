@@ -73,14 +73,19 @@ def require_suitable(names: tuple[str, ...], objective: str) -> None:
 
 
 def require_differentiable(limits: Limits, nearest_to: Any) -> None:
-    """Raise a ValueError for limits or a path with which a tuned route has no derivatives."""
+    """Raise a ValueError for limits or a path that `tune_route` supports only for concrete arguments."""
     if nearest_to is not None:
-        raise ValueError("tune_route has no derivatives with nearest_to: omit one of the two")
-    limits.require_constant("tune_route inside grad or jvp", "omit the derivatives")
+        raise ValueError("tune_route does not support nearest_to inside jit, vmap, grad or jvp: call it outside")
+    limits.require_constant("tune_route inside jit, vmap, grad or jvp", "call it outside")
     if limits.along_road:
-        raise ValueError("tune_route has no derivatives on a road that changes along the way: omit them")
+        raise ValueError(
+            "tune_route does not support a road that changes along the way inside jit, vmap, grad or jvp: call it "
+            "outside"
+        )
     if is_traced(limits.vehicle):
-        raise ValueError("tune_route has no derivatives with respect to the vehicle: pass one with concrete values")
+        raise ValueError(
+            "tune_route needs a vehicle with concrete values: it has no derivatives with respect to the vehicle"
+        )
 
 
 def half_widths(tube: Any, joints: int, closed: bool) -> np.ndarray:

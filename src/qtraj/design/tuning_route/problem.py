@@ -100,11 +100,11 @@ class RouteProblem(NamedTuple):
     def part(self, k: Any) -> "RouteProblem":
         """Return the data of some segments, with the data of all joints."""
         return self._replace(
-            **{name: getattr(self, name)[..., k] for name in _OF_SEGMENTS if getattr(self, name) is not None}
+            **{name: getattr(self, name)[..., k] for name in OF_SEGMENTS if getattr(self, name) is not None}
         )
 
 
-_OF_SEGMENTS = (
+OF_SEGMENTS = (
     *("ends", "durations", "moving", "offset", "fine_offset", "tube", "fine_tube", "used"),
     *("shortest", "longest", "near", "pace", "jerk", "time", "per_time", "composed", "rates", "fine_rates", "local"),
     *("road", "target", "origins"),

@@ -12,8 +12,7 @@ the same solver. The search and the solver run in NumPy; JAX differentiates only
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -21,246 +20,184 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from qtraj.design.limits import Limits, limits_of
-from qtraj.design.tuning_route import circuit, geometry
-from qtraj.design.tuning_route.chain import Chain
+from qtraj.design.limits import Limits
+from qtraj.design.tuning_route import circuit, geometry, traced
 from qtraj.design.tuning_route.constraints import bounds, tangents, values
-from qtraj.design.tuning_route.curves import Curves, chain, rebuilt
-from qtraj.design.tuning_route.interior import Iterate, linearised, longest, newton, residual, restarted
+from qtraj.design.tuning_route.curves import chain, rebuilt
 from qtraj.design.tuning_route.problem import RouteProblem, objective, segments
-from qtraj.design.tuning_route.program import RouteProgram
 from qtraj.design.tuning_route.setup import LONGEST, SHORTEST
-from qtraj.design.tuning_route.solution import Data, Known, Solution
+from qtraj.design.tuning_route.solution import CHANGED, UNCHANGED, Data, Searched, Solve, Structure
+from qtraj.design.tuning_route.traced import Refined
 from qtraj.design.tuning_route.tuned_route import TunedRoute
-from qtraj.foundation.arrays import is_traced
+from qtraj.foundation.arrays import constants, is_traced
+from qtraj.path import pieces
 from qtraj.path.route import Route, from_segments
 
-STEPS = 60
-"""Maximum number of Newton steps with which the last search is continued."""
 
-BARRIERS, LEAST, TOLERANCE = (1e-3, 1e-5, 1e-7), 1e-7, 1e-10
-"""Initial barrier parameters, tried from the largest down until one leads to convergence; the final barrier parameter,
-for which the conditions are differentiated; and the largest residual accepted there. A smaller final parameter would
-noticeably increase the rounding errors of the derivatives."""
+def differentiable(route: Route, limits: Limits, tube: Any, s: Structure, solve: Solve) -> TunedRoute:
+    """Return the result of `solve` as a differentiable function of its arguments.
 
-REFINEMENTS = 2
-"""Number of iterative refinements of the solution; the linear system is ill-conditioned."""
-
-DECREASE, KEEP = 0.2, 0.995
-"""The factor by which the barrier parameter decreases in each step, and the largest fraction by which a step may reduce
-a slack or a multiplier."""
-
-
-Solve = Callable[[Route, Limits, tuple[np.ndarray, np.ndarray]], Solution]
-
-
-def differentiable(
-    route: Route, limits: Limits, tube: Any, names: tuple[str, ...], kind: str, solve: Solve
-) -> TunedRoute:
-    """Return the result of `solve` as a differentiable function of its arguments; `kind` is the objective.
-
-    **Raises:** ValueError if the arguments have no concrete values (inside jit or vmap).
+    Inside `jit` and `vmap`, the search is one operation of JAX (see `traced`).
     """
-    pair = tube if isinstance(tube, tuple) else (tube, tube)
-    bounds = jnp.stack([jnp.asarray(limits.given()[name], float) for name in names]) if names else jnp.zeros(0)
-    data = Data(
-        route.starts,
-        route.coefficients,
-        route.duration,
-        bounds,
-        (jnp.asarray(pair[0], float), jnp.asarray(pair[1], float)),
-        route.progress,
-    )
-    origin = jax.lax.stop_gradient(route.origin)
-    solutions: list[Solution] = []
-
-    @jax.custom_jvp
-    def variables(data: Data) -> Array:
-        if is_traced(data, origin):
-            raise ValueError(
-                "tune_route needs concrete values: differentiate it with grad, jvp, jacfwd or jacrev, but call these "
-                "outside jit and vmap, once for each route"
-            )
-        count = int(np.isfinite(np.asarray(data.starts)).sum())
-        plain = from_segments(
-            np.asarray(data.starts)[:count],
-            np.asarray(data.coefficients)[:count],
-            np.asarray(data.duration),
-            np.asarray(origin),
-            None if data.progress is None else np.asarray(data.progress)[:count],
-        )
-        values = dict(zip(names, np.asarray(data.bounds).tolist(), strict=True))
-        solutions.append(
-            solve(plain, limits_of(values, limits.vehicle), (np.asarray(data.tube[0]), np.asarray(data.tube[1])))
-        )
-        return jnp.asarray(solutions[-1].z)
-
-    @variables.defjvp
-    def _(primals: tuple[Data], tangents: tuple[Data]) -> tuple[Array, Array]:
-        z = variables(*primals)
-        found = solutions[-1]
-        return z, _change(kind, found, primals[0], tangents[0])
-
-    z = variables(data)
-    found = solutions[-1]
-    known = Known((found.curves, found.problem.composed))
-    own = found.problem._replace(composed=None)
-    path, attained, displacement, delay = _assembled(own, data, z, route.origin, known, kind)
-    result = found.result
+    data, origin = _data(route, limits, tube, s), jax.lax.stop_gradient(route.origin)
+    known, result = constants(data), None
+    facts: Any
+    if is_traced(known, origin):
+        found, facts = traced.searched(s, known, origin, limits.vehicle, solve)
+    else:
+        own = traced.solved(s, known, origin, limits.vehicle, solve)
+        found, result = traced.as_arrays(s, own), own.result
+        facts = result
+    z = variables(s, data, found)
+    path, attained, displacement, delay = _assembled(s, found.fields, data, z, route.origin)
+    certificate = facts.certificate(s.names, constants(path.starts)) if result is None else result.certificate
     return TunedRoute(
         path,
-        result.certificate,
+        certificate,
         attained,
-        result.distance,
-        result.within,
+        facts.distance,
+        facts.within,
         displacement,
         delay,
-        result.kept,
-        result.code,
-        result.iterations,
-        result.advice,
+        facts.kept,
+        facts.code,
+        facts.iterations,
+        "" if result is None else result.advice,
     )
 
 
-def _change(kind: str, found: Solution, data: Data, change: Data) -> Array:
-    """Return the change of the variables that a change of the data causes."""
-    problem = found.problem
-    if found.at is None:
-        return jnp.zeros(problem.free.shape)
-    if found.at.excess is not None:  # the limits contradict each other
-        size = sum(jnp.sum(x) for x in jax.tree.leaves(change))  # NaN in reverse mode, too
-        return jnp.full(problem.free.shape, jnp.nan) * size
-    program = RouteProgram(problem)
-    at, matrix, done = polished(program, found.at)
-    weights, stiffness = (program.spread(x) for x in (at.multipliers, at.multipliers / at.slacks))
-    known, own = Known((found.curves, problem.composed)), problem._replace(composed=None)
-    right = _right(kind, own, at.z, weights, stiffness, data, change, known)
-    shape = jax.ShapeDtypeStruct(right.shape, right.dtype)
-
-    def solve(_: Any, right: Array) -> Array:
-        return jax.pure_callback(lambda x: _refined(matrix, np.asarray(x)), shape, right, vmap_method="sequential")
-
-    dz = jax.lax.custom_linear_solve(matrix.product, right, solve, symmetric=True)
-    return circuit.repeated(problem, dz) * (1.0 if done else np.nan)  # NaN in reverse mode, too
+def _data(route: Route, limits: Limits, tube: Any, s: Structure) -> Data:
+    given = limits.given()
+    bounds = jnp.stack([jnp.asarray(given[name], float) for name in s.names]) if s.names else jnp.zeros(0)
+    widths: Any = tuple(
+        _width(x, len(s.curves.owner) + 1, s.padded) for x in (tube if isinstance(tube, tuple) else [tube] * 2)
+    )
+    return Data(route.starts, route.coefficients, route.duration, bounds, widths, route.progress)
 
 
-def _refined(matrix: Chain, right: np.ndarray) -> np.ndarray:
-    """Return the solution of the linear system; NaN if the matrix is singular."""
-    solver = matrix.solver(indefinite=True)
-    if solver is None:
-        return np.full(right.shape, np.nan)
-    found = solver(right)
-    for _ in range(REFINEMENTS):
-        found = found + solver(right - matrix.product(found))
-    return found
+def _width(x: Any, joints: int, padded: bool) -> Array:
+    """Return a half-width, with the last one repeated at the joints of padding."""
+    x = jnp.asarray(x, float)
+    if not x.ndim or not padded:
+        return x
+    return jnp.concatenate([x, jnp.broadcast_to(x[-1:], (joints - x.shape[0],))])
 
 
-def polished(program: RouteProgram, at: Iterate) -> tuple[Iterate, Chain, bool]:
-    """Refine an iterate until it satisfies the optimality conditions; also return the matrix and whether it converged.
-
-    The slacks and multipliers start from a larger barrier parameter, because with tiny slacks the steps would be too
-    short.
-    """
-    with np.errstate(all="ignore"):  # a failed refinement ends with NaN
-        found = _polished(program, restarted(program, at, BARRIERS[0]), BARRIERS[0])
-        for barrier in BARRIERS[1:]:
-            if not found[2]:
-                found = _polished(program, restarted(program, at, barrier), barrier)
-    return found
+@eqx.filter_custom_jvp
+def variables(s: Structure, data: Data, found: Searched) -> Array:
+    """Return the variables of a search as a differentiable function of its data."""
+    return jnp.asarray(found.z)
 
 
-def _polished(program: RouteProgram, at: Iterate, mu: float) -> tuple[Iterate, Chain, bool]:
-    """Refine an iterate by full Newton steps, starting with the barrier parameter `mu`.
+@variables.def_jvp
+def _variables_jvp(primals: tuple[Structure, Data, Searched], tangents: tuple[None, Data, None]) -> tuple[Array, Array]:
+    s, data, found = primals
+    return jnp.asarray(found.z), _change(s, found, data, tangents[1])
 
-    There is no line search, because the rounding errors of a merit function would stop it this close to the optimum,
-    and the matrix may be indefinite until the slacks and multipliers fit together.
-    """
-    linear = linearised(program, at)
-    for _ in range(STEPS):
-        if mu <= LEAST and residual(at, linear, mu) <= TOLERANCE:
-            return at, linear.matrix, True
-        step = newton(at, linear, mu, indefinite=True)
-        if step is None:
-            break
-        primal, dual = longest(at.slacks, step.slacks, KEEP), longest(at.multipliers, step.multipliers, KEEP)
-        at = Iterate(
-            at.z + primal * step.z,
-            at.slacks + primal * step.slacks,
-            at.multipliers + dual * step.multipliers,
-            at.margins,
-        )
-        linear, mu = linearised(program, at), max(LEAST, DECREASE * mu)
-    return at, linear.matrix, False
+
+def _change(s: Structure, found: Searched, data: Data, change: Data) -> Array:
+    """Return the change of the variables that a change of the data causes; None for data that do not change."""
+    at = traced.refined(s, found)
+    return _solved(s, found.fields, found.state, at, data, change)
 
 
 @eqx.filter_jit
-def _right(
-    kind: str,
-    problem: RouteProblem,
-    z: Any,
-    multipliers: tuple[Any, Any],
-    stiffness: tuple[Any, Any],
-    data: Data,
-    change: Data,
-    known: Known,
-) -> Float[Array, "joints 10"]:
+def _solved(s: Structure, fields: dict[str, Any], state: Any, at: Refined, data: Data, change: Data) -> Array:
+    problem = s.problem(fields)
+    right = _right(s, problem, at, data, change)
+    dz = jax.lax.custom_linear_solve(
+        at.matrix.product, right, lambda _, x: traced.linear_solution(at.matrix, x), symmetric=True
+    )
+    # NaN in reverse mode, too, if the limits contradict each other or the refinement failed.
+    factor = jnp.where(state == UNCHANGED, 0.0, jnp.where((state == CHANGED) & at.done, 1.0, jnp.nan))
+    return circuit.repeated(problem, dz) * factor
+
+
+def _right(s: Structure, problem: RouteProblem, at: Refined, data: Data, change: Data) -> Float[Array, "joints 10"]:
     """Return the right-hand side of the linear system."""
-    curves, composed = known.arrays
-    problem = problem._replace(composed=composed)
-    length = _length(problem, data, curves, kind)
+    length, z = _length(problem, data, s), jnp.asarray(at.z)
+    problem = _with_data(problem, data, s, length)  # the arrays of the search have zeros for padding
 
     def constraints(problem: RouteProblem, z: Array) -> tuple[Array, Array]:
-        s = segments(problem, z)
-        return values(problem, s), bounds(problem, s)
+        own = segments(problem, z)
+        return values(problem, own), bounds(problem, own)
 
     def conditions(data: Data) -> tuple[Array, tuple[Array, Array]]:
-        moved = _with_data(problem, data, curves, kind, length)
+        moved = _with_data(problem, data, s, length)
 
         def lagrangian(z: Array) -> Array:
-            terms = zip(multipliers, constraints(moved, z), strict=True)
+            terms = zip(at.multipliers, constraints(moved, z), strict=True)
             return objective(moved, segments(moved, z)) + sum(jnp.sum(m * g) for m, g in terms)
 
         return jax.grad(lagrangian)(z), constraints(moved, z)
 
-    _, (gradient, gaps) = jax.jvp(conditions, (data,), (change,))
+    own, found = eqx.filter_jvp(conditions, (data,), (change,))
+    gradient, gaps = jax.tree.map(lambda x, dx: jnp.zeros_like(x) if dx is None else dx, own, found)
     _, pull = jax.vjp(lambda z: constraints(problem, z), z)
-    forces = pull(tuple(k * g for k, g in zip(stiffness, gaps, strict=True)))[0]
+    forces = pull(tuple(k * g for k, g in zip(at.stiffness, gaps, strict=True)))[0]
     return jnp.where(problem.free, -circuit.gathered(problem, gradient + forces), 0.0)
 
 
-def _rows(data: Data, curves: Curves) -> tuple[Array, Array, Array | None]:
-    """Return the coefficients, durations and progress of the segments of the route."""
-    count = len(curves.owner)
-    durations = jnp.diff(jnp.append(data.starts[:count], data.duration))
-    return data.coefficients[:count], durations, None if data.progress is None else data.progress[:count]
+class _Parts(NamedTuple):
+    """The segments of the route, its curves with the states of their joints, and which curves are not padding.
+
+    The duration of padding is 1 s among the curves, and 0 in `durations`.
+    """
+
+    durations: Array
+    coefficients: Array
+    progress: Array | None
+    c: Array
+    h: Array
+    states: Array
+    real: Array
+
+    @property
+    def total(self) -> Array:
+        """The sum of the durations of the curves."""
+        return jnp.sum(jnp.where(self.real, self.h, 0.0))
 
 
-def _parts(data: Data, problem: RouteProblem, curves: Curves) -> tuple[Array, Array, Array]:
-    """Return the coefficients and the durations of the curves, and the states of the joints."""
-    c, h = chain(curves, *_rows(data, curves))
-    return c, h, geometry.joint_states(c, h, 1.0 - problem.moving, problem.seam is not None)
+def _parts(data: Data, problem: RouteProblem, s: Structure) -> _Parts:
+    count = len(s.curves.owner)
+    starts, rows = data.starts[:count], data.coefficients[:count]
+    own = None if data.progress is None else data.progress[:count]
+    durations = jnp.diff(jnp.append(jnp.minimum(starts, data.duration), data.duration))
+    c, h = chain(s.curves, rows, durations, own)
+    real = jnp.ones(h.shape, bool)
+    if s.padded:
+        real = jnp.isfinite(starts)
+        h = jnp.where(real, h, 1.0)
+        c = jnp.where(real[:, None, None], c, _end(c, h, jnp.sum(real) - 1)[None])
+    states = geometry.joint_states(c, h, 1.0 - problem.moving, problem.seam is not None)
+    return _Parts(durations, rows, own, c, h, states, real)
 
 
-def _length(problem: RouteProblem, data: Data, curves: Curves, kind: str) -> Array:
+def _end(c: Array, h: Array, last: Array) -> Array:
+    """Return coefficients of padding, which has the state at the end of the route at its start."""
+    end = jnp.stack([x / factor for x, factor in zip(pieces.values(c[last], h[last], 2), (1, 1, 2), strict=True)])
+    return jnp.pad(end, [(0, c.shape[1] - 3), (0, 0)])
+
+
+def _length(problem: RouteProblem, data: Data, s: Structure) -> Array:
     """Return the unit of length of the objective "nearest"; this unit does not influence the optimal variables."""
-    if kind != "nearest":
+    if s.kind != "nearest":
         return jnp.ones_like(data.duration)
-    h = _parts(data, problem, curves)[1]
-    time = geometry.time_scale(h, problem.moving)
-    return jax.lax.stop_gradient(jnp.sqrt(problem.unit * jnp.sum(h) / time))
+    own = _parts(data, problem, s)
+    return jax.lax.stop_gradient(jnp.sqrt(problem.unit * own.total / geometry.time_scale(own.h, problem.moving)))
 
 
-def _with_data(problem: RouteProblem, data: Data, curves: Curves, kind: str, length: Array) -> RouteProblem:
+def _with_data(problem: RouteProblem, data: Data, s: Structure, length: Array) -> RouteProblem:
     """Return the problem for other data; only the fields that occur in the optimality conditions change."""
-    c, h, states = _parts(data, problem, curves)
-    count = len(curves.owner)
+    own = _parts(data, problem, s)
+    count = len(s.curves.owner)
     widths = jnp.stack([jnp.broadcast_to(x, (count + 1,)) for x in data.tube], axis=1)
-    widths = widths[np.array([own.start for own in curves.joint_rows()])]
-    fields = geometry.smooth_fields(c, h, states, widths, problem.moving, problem.composed)
+    widths = widths[np.array([own.start for own in s.curves.joint_rows()])]
+    fields = geometry.smooth_fields(own.c, own.h, own.states, widths, problem.moving, problem.composed)
     fields |= {"squares": tangents(problem.names, data.bounds) ** 2}
     durations = fields["durations"]
     fields |= {"shortest": SHORTEST * durations, "longest": LONGEST * durations}
-    if kind == "nearest":
+    if s.kind == "nearest":
         near, pace = geometry.nearest(fields["ends"], durations, problem.moving, length)
         fields |= {"near": near, "pace": pace}
     return problem._replace(**fields)
@@ -268,28 +205,30 @@ def _with_data(problem: RouteProblem, data: Data, curves: Curves, kind: str, len
 
 @eqx.filter_jit
 def _assembled(
-    problem: RouteProblem, data: Data, z: Array, origin: Array, known: Known, kind: str
+    s: Structure, fields: dict[str, Any], data: Data, z: Array, origin: Array
 ) -> tuple[Route, Array, Array, Array]:
     """Return the route, the objective, the displacements of the joints, and the change of the duration."""
-    curves, composed = known.arrays
-    problem = problem._replace(composed=composed)
-    length = _length(problem, data, curves, kind)
-    moved = _with_data(problem, data, curves, kind, length)
-    c, h, states = _parts(data, problem, curves)
-    _, new_h = geometry.moved_states(moved, states, h, z)
-    new_c, _ = geometry.changed(moved, c, h, states, z)
-    rows, durations, own = _rows(data, curves)
-    given = from_segments(data.starts[: len(rows)], rows, data.duration, origin, own)
-    new_durations, new_rows, new_own = rebuilt(curves, durations, own, h, new_c, new_h)
-    times = jnp.append(jnp.zeros_like(h[:1]), jnp.cumsum(new_durations))
-    path = from_segments(times[:-1], new_rows, times[-1], origin, new_own)
-    time = geometry.time_scale(h, problem.moving)
-    unit = length**2 * time / jnp.sum(h) if kind == "nearest" else problem.unit
-    value = times[-1] if kind == "fastest" else objective(moved, segments(moved, z)) * unit
+    problem = s.problem(fields)
+    length = _length(problem, data, s)
+    moved = _with_data(problem, data, s, length)
+    own = _parts(data, problem, s)
+    _, new_h = geometry.moved_states(moved, own.states, own.h, z)
+    new_c, _ = geometry.changed(moved, own.c, own.h, own.states, z)
+    starts = data.starts[: len(own.durations)]
+    given = from_segments(starts, own.coefficients, data.duration, origin, own.progress)
+    if s.padded:
+        new_c, new_h = jnp.where(own.real[:, None, None], new_c, 0.0), jnp.where(own.real, new_h, 0.0)
+    durations, rows, progress = rebuilt(s.curves, own.durations, own.progress, own.h, new_c, new_h)
+    times = jnp.append(jnp.zeros_like(durations[:1]), jnp.cumsum(durations))
+    new_starts = jnp.where(own.real, times[:-1], jnp.inf) if s.padded else times[:-1]
+    path = from_segments(new_starts, rows, times[-1], origin, progress)
+    unit = length**2 * geometry.time_scale(own.h, problem.moving) / own.total if s.kind == "nearest" else problem.unit
+    value = times[-1] if s.kind == "fastest" else objective(moved, segments(moved, z)) * unit
     displacement = _positions(path, len(rows)) - _positions(given, len(rows))
-    return path, value, displacement, jnp.sum(new_durations - durations)
+    return path, value, displacement, jnp.sum(durations - own.durations)
 
 
 def _positions(route: Route, count: int) -> Float[Array, "joints 3"]:
-    """Return the positions of the joints of a route with `count` segments."""
-    return route.sampled(jnp.append(route.starts[:count], route.duration), 0)[0]
+    """Return the positions of the joints of a route with `count` segments; those of padding are at the end."""
+    times = jnp.minimum(jnp.append(route.starts[:count], route.duration), route.duration)
+    return route.sampled(times, 0)[0]

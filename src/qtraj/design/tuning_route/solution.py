@@ -1,18 +1,24 @@
 """The data of the derivatives of a tuned route: what it depends on, and the search behind it."""
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import jax
+import numpy as np
 from jaxtyping import Array, Float
 
+from qtraj.design.limits import Limits
 from qtraj.design.tuning_route.curves import Curves
 from qtraj.design.tuning_route.iterate import Iterate
 from qtraj.design.tuning_route.problem import RouteProblem
 from qtraj.design.tuning_route.tuned_route import TunedRoute
+from qtraj.path.route import Route
 
 
 class Data(NamedTuple):
-    """The data θ: the segments of the route as it stores them, the values of the limits, and the half-widths."""
+    """The data θ: the segments of the route as it stores them, the values of the limits, and the half-widths.
+
+    A half-width is one number, or an array with one number for each joint.
+    """
 
     starts: Float[Array, " rows"]
     coefficients: Float[Array, "rows terms 3"]
@@ -22,19 +28,34 @@ class Data(NamedTuple):
     progress: Float[Array, "rows 4"] | None
 
 
-class Known:
-    """NumPy arrays that stay concrete inside `jit`: they are compared by their values."""
+class Structure:
+    """What must be known about a problem inside `jit`: no values of arrays, but which of them belong together.
 
-    def __init__(self, arrays: Any):
-        """Store arrays, or tuples of arrays."""
-        self.arrays = arrays
-        self._key = tuple((x.shape, x.dtype.str, x.tobytes()) for x in jax.tree.leaves(arrays))
+    `curves` are those of the route. If the number of segments is unknown (`padded`), each row of the route, padding
+    included, is a curve. Structures are compared by their values.
+    """
+
+    def __init__(self, names: tuple[str, ...], kind: str, curves: Curves, closed: bool, padded: bool = False):
+        """Store the names of the limits, the objective, the curves, and whether the route is closed."""
+        self.names, self.kind, self.curves, self.closed, self.padded = names, kind, curves, closed, padded
+        self._key = (names, kind, closed, padded, *((x.shape, x.dtype.str, x.tobytes()) for x in curves))
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Known) and self._key == other._key
+        return isinstance(other, Structure) and self._key == other._key
 
     def __hash__(self) -> int:
         return hash(self._key)
+
+    @property
+    def composed(self) -> np.ndarray | None:
+        """Which curves have a progress; None if none has."""
+        return self.curves.composed if self.curves.composed.any() else None
+
+    def problem(self, fields: dict[str, Any]) -> RouteProblem:
+        """Return a problem with these arrays; it has no finer nodes."""
+        seam = len(self.curves.first) if self.closed else None
+        own = dict.fromkeys(("fine_offset", "fine_tube")) | fields
+        return RouteProblem(names=self.names, seam=seam, composed=self.composed, **own)  # type: ignore[arg-type]
 
 
 class Solution(NamedTuple):
@@ -48,3 +69,24 @@ class Solution(NamedTuple):
     z: Any
     at: Iterate | None
     curves: Curves
+
+
+Solve = Callable[[Route, Limits, tuple[np.ndarray, np.ndarray]], Solution]
+
+
+CHANGED, UNCHANGED, CONTRADICTED = range(3)
+"""Whether the search changed the route, did not change it, or found that the limits contradict each other."""
+
+
+class Searched(NamedTuple):
+    """A search as arrays: the `fields` of its problem, its variables `z` (joints, 10), and its `state`.
+
+    `slacks`, `multipliers` and `margins` are those of its constraints at the nodes, and of the bounds on durations.
+    """
+
+    fields: dict[str, Any]
+    z: Any
+    slacks: tuple[Any, Any]
+    multipliers: tuple[Any, Any]
+    margins: tuple[Any, Any]
+    state: Any

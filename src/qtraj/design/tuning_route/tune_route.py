@@ -26,6 +26,7 @@ from qtraj.design.tuning_route.setup import Parts, parts, problem_of
 from qtraj.design.tuning_route.shapes import route_in_tube
 from qtraj.design.tuning_route.solution import Solution
 from qtraj.design.tuning_route.target import require_target
+from qtraj.design.tuning_route.traced import structure
 from qtraj.design.tuning_route.tuned_route import TunedRoute
 from qtraj.design.tuning_route.verdict import code_of, rank, result_of
 from qtraj.foundation.arrays import is_traced
@@ -119,19 +120,26 @@ def tune_route(
     Segments that change become quintics, and position, velocity and acceleration are continuous at their joints, even
     if they jump in the original route. Segments that do not change keep their coefficients and the jumps between them.
 
-    **Derivatives**: under `grad`, `jvp`, `jacfwd` and `jacrev`, outside `jit` and `vmap`, `path`, `objective`,
-    `displacement` and `delay` have the derivatives of the optimum with respect to the route (the states of its
-    joints and its times), the limits and the tube, by the implicit function theorem. The derivatives refer to the
-    problem of the last search, with limits at its instants and constant margins. They are NaN if that search does not
-    converge, or if the limits contradict each other.
+    **Derivatives**: under `grad`, `jvp`, `jacfwd` and `jacrev`, `path`, `objective`, `displacement` and `delay` have
+    the derivatives of the optimum with respect to the route (the states of its joints and its times), the limits and
+    the tube, by the implicit function theorem. The derivatives refer to the problem of the last search, with limits at
+    its instants and constant margins. They are NaN if that search does not converge, or if the limits contradict each
+    other.
 
-    **Raises:** ValueError for a path that is not a route, a batch, arguments inside jit or vmap, a traced route in
-    float32, an unknown objective, a limit on the natural trihedral (which does not exist on straights), derivatives
-    with respect to the vehicle, on a road that changes along the way, with obstacles or with `nearest_to`, "fastest"
-    without a limit that bounds the speed, `nearest_to` with another objective, half-widths that are not positive, a
-    wrong shape, or a `closed` route that does not end where it starts, has only one segment, or has different
-    half-widths at its ends; a fixed end inside an obstacle; for a shape also without widths and tube, with edges nearer
-    than the margins, and without a fastest timing. RuntimeError with `throw` if a limit is not proved to be satisfied.
+    Inside `jit` and `vmap`, the search is one operation that runs on the host, for one route after the other. If the
+    times of the joints are traced, too, the number of segments is unknown: arrays with one entry for each segment then
+    have one for each row of `route.coefficients`, and `displacement` has one more. Padding is within the tube, counts
+    as proved, and is displaced like the last joint. The result has no `advice` and no intervals of violation. Invalid
+    numbers lead to the code `route_ill_posed`.
+
+    **Raises:** ValueError for a path that is not a route, a batch (use `jax.vmap`), a traced route in float32, an
+    unknown objective, a limit on the natural trihedral (which does not exist on straights), traced arguments with a
+    traced vehicle, limits or a road that change along the way, obstacles or `nearest_to`; inside `jit` and `vmap`, a
+    shape, a traced route with stops of `fit_route`, and a closed route with traced times; "fastest" without a limit
+    that bounds the speed, `nearest_to` with another objective, half-widths that are not positive, a wrong shape, or a
+    `closed` route that does not end where it starts, has only one segment, or has different half-widths at its ends; a
+    fixed end inside an obstacle; for a shape also without widths and tube, with edges nearer than the margins, and
+    without a fastest timing. RuntimeError with `throw` if a limit is not proved to be satisfied.
     """
     route, limits = in_float64((route, limits))
     if isinstance(route, Shape):
@@ -151,8 +159,8 @@ def tune_route(
 
     if is_traced(route, limits, tube):
         require_differentiable(limits, nearest_to)
-        refuse_obstacles(limits, "tune_route inside grad or jvp", "omit the derivatives")
-        result = differentiable(route, limits, tube, names, objective, solve)
+        refuse_obstacles(limits, "tune_route inside jit, vmap, grad or jvp", "call it outside")
+        result = differentiable(route, limits, tube, structure(route, names, objective, closed), solve)
     else:
         result = solve(route, limits, tube).result
     return result.check() if throw else result

@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 
 import equinox as eqx
+import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from qtraj.design.proof.certificate import PROVED
 from qtraj.design.proof.route_certificate import RouteCertificate
 from qtraj.foundation import document
-from qtraj.foundation.arrays import as_array, as_float
+from qtraj.foundation.arrays import as_array, as_float, is_traced
 from qtraj.foundation.codes import where_code
 from qtraj.foundation.document import storable
 from qtraj.foundation.outcome import FAILURES, AbstractOutcome, ResultCode
@@ -63,13 +64,13 @@ class TunedRoute(AbstractOutcome):
         advice: str = "",
     ):
         self.path, self.certificate, self.objective = path, certificate, as_float(objective)
-        self.distance = as_float(np.reshape(np.asarray(distance, float), (-1, 2)))
-        self.within = as_array(np.reshape(np.asarray(within, bool), -1), bool)
+        if not is_traced(distance):  # from a document, or a search outside jit and vmap
+            distance, within, kept = np.reshape(np.asarray(distance, float), (-1, 2)), np.ravel(within), np.ravel(kept)
+            kept = kept if kept.size else np.zeros(within.size, bool)
+        self.distance, self.within = as_float(distance), as_array(within, bool)
         self.displacement, self.delay = as_float(displacement), as_float(delay)
-        known = np.reshape(np.asarray(kept, bool), -1)
-        self.kept = as_array(known if known.size else np.zeros(len(self.within), bool), bool)
-        self.code = as_array(int(np.asarray(code)), np.int32)
-        self.iterations = as_array(int(np.asarray(iterations)), np.int32)
+        self.kept = as_array(kept, bool)
+        self.code, self.iterations = as_array(code, np.int32), as_array(iterations, np.int32)
         self.advice = advice
 
     @property
@@ -78,7 +79,9 @@ class TunedRoute(AbstractOutcome):
         return where_code(self.code, lambda code: (code < FAILURES) & (code != ResultCode.not_optimal))
 
     def explain(self, at: tuple[int, ...]) -> str:
-        """Describe what is proved and where a proof is missing, with advice."""
+        """Describe what is proved and where a proof is missing, with advice; `at` is the index in a batch."""
+        if at:
+            return jax.tree.map(lambda x: np.asarray(x)[at], self).explain(())
         code = ResultCode(int(np.asarray(self.code)))
         away = np.asarray(self.distance).max(axis=0, initial=0.0)
         success = "every limit is proved to be satisfied on every segment."
