@@ -13,11 +13,13 @@ import numpy as np
 from jax.core import Tracer
 
 from qtraj.design.limits import Limits
+from qtraj.design.obstacles.keep_out import checked as checked_obstacles
 from qtraj.design.tuning import multistart, traced
 from qtraj.design.tuning.advisor import Advisor
 from qtraj.design.tuning.assembly import make_outcome
 from qtraj.design.tuning.box import Bounds, box, change_weights, require_names
 from qtraj.design.tuning.checks import fault_codes, require_choices, require_well_posed
+from qtraj.design.tuning.clearances import Clearances, clearances_of
 from qtraj.design.tuning.methods import Method, get_method
 from qtraj.design.tuning.motions.motion import AbstractMotion
 from qtraj.design.tuning.motions.registry import get_motion
@@ -150,8 +152,9 @@ def tune(
     _require_batch((duration, turn, axis, bounds_of, road, limits.constant(), corridor), batch)
     limits.require_batch(batch, "the states")
 
+    clearances = clearances_of(checked_obstacles(limits))
     data = (start, end, limits, duration, axis, turn, weight_array, road, corridor, bounds_of)
-    choices: Any = {"motion": motion, "turns": turns, "fixed": tuple(fixed)}
+    choices: Any = {"motion": motion, "turns": turns, "fixed": tuple(fixed), "clearances": clearances}
     with np.errstate(all="ignore"), broadcasting():  # ill-posed problems are reported below
         # Outside jit, the derivatives of separate operations would be compiled one by one.
         compiled = objective.is_formula and is_traced(start, end, duration, axis, turn)
@@ -211,10 +214,12 @@ def _tasks(
     motion: AbstractMotion,
     turns: int,
     fixed: tuple[str, ...],
+    clearances: Clearances | None,
 ) -> Task:
     """Return the problems of a batch of states with their limits and bounds."""
-    problem = pose(start, end, objective, motion, duration, turns, axis, turn, weights, fixed, road)
-    return Task(problem, search_limits(limits, corridor, len(start.position)), *box(problem, fixed, bounds))
+    problem = pose(start, end, objective, motion, duration, turns, axis, turn, weights, fixed, road, clearances)
+    names = () if clearances is None else clearances.by_name
+    return Task(problem, search_limits(limits, corridor, len(start.position), names), *box(problem, fixed, bounds))
 
 
 _compiled_tasks = eqx.filter_jit(_tasks)

@@ -8,13 +8,11 @@ from typing import Any
 import numpy as np
 
 from qtraj.design.limits import Limits
-from qtraj.design.obstacles.body import POINT
+from qtraj.design.obstacles.clear import Clear
 from qtraj.design.obstacles.keep_out import clearances_at
 from qtraj.design.tuning_route import basis
-from qtraj.design.tuning_route.clear import Clear
 from qtraj.design.tuning_route.constraints import derivatives
 from qtraj.design.tuning_route.problem import RouteProblem, segments
-from qtraj.path.clearance_quantity import name_of_obstacle
 from qtraj.path.driving import Driving
 from qtraj.path.route import Route
 
@@ -23,17 +21,6 @@ BOTH_SIDES = 2
 
 SHIFTS = np.linspace(0.0, 1.0, 21)[1:]
 """Trial shifts of the route to one side, as fractions of the half-width of the tube."""
-
-
-def clears(limits: Limits) -> tuple[Clear, ...]:
-    """Return a constraint for each pair of an obstacle and a ball of the body."""
-    body = limits.body or POINT
-    balls = list(zip(np.asarray(body.offsets, float).tolist(), np.asarray(body.radii, float).tolist(), strict=True))
-    return tuple(
-        Clear(name_of_obstacle(k), obstacle, (offset[0], offset[1], offset[2]), radius)
-        for k, obstacle in enumerate(limits.keep_out or ())
-        for offset, radius in balls
-    )
 
 
 def require_possible(route: Route, limits: Limits, held: np.ndarray) -> None:

@@ -16,8 +16,8 @@ import numpy as np
 from jaxtyping import Float
 
 from qtraj.algebra.jets import coordinates, sqrt
+from qtraj.design.obstacles.clear import Clear
 from qtraj.design.tuning_route import basis
-from qtraj.design.tuning_route.clear import Clear
 from qtraj.design.tuning_route.problem import RouteProblem, Segments, joined
 from qtraj.foundation.namespace import matmul, xp
 from qtraj.path.clearance_quantity import names_obstacle

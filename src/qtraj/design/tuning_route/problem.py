@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from qtraj.design.obstacles.clear import Clear
 from qtraj.design.tuning_route import basis
-from qtraj.design.tuning_route.clear import Clear
 from qtraj.foundation.namespace import matmul, xp
 
 BLOCK = 10
