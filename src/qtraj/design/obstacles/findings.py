@@ -78,7 +78,7 @@ def on_helices(path: SpiralHelix, obstacles: Obstacles, body: Body | None) -> Fi
         codes, times, values = on_host(*leaves)
     else:
         float_ = jnp.result_type(float)
-        kinds = [jax.ShapeDtypeStruct((*shape, count), x) for x in (np.int32, float_, float_)]
+        kinds: list[Any] = [jax.ShapeDtypeStruct((*shape, count), x) for x in (np.int32, float_, float_)]
         codes, times, values = jax.pure_callback(
             on_host, Findings(*kinds), *map(jnp.asarray, leaves), vmap_method="broadcast_all"
         )

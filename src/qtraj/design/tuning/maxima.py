@@ -116,14 +116,18 @@ def refined(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the times and the values of the maxima, by Newton's method after `rounds` parabolas."""
     order = quantity(name).order
-    low, trial, high = at.low, at.middle, at.high
-    points = np.arange(trial.size)
-    for _ in range(rounds):
-        u = instants(low, trial, high, offsets)
-        g = np.broadcast_to(curves.values([name], u, order)[0], u.shape)
-        best = _top(g)
-        time, value = u[best, points], g[best, points]
-        low, trial, high = parabola(u, g, best)
+
+    def sampled(low: np.ndarray, middle: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        u = instants(low, middle, high, offsets)
+        return u, np.broadcast_to(curves.values([name], u, order)[0], u.shape)
+
+    u, g = sampled(at.low, at.middle, at.high)
+    for _ in range(rounds - 1):
+        u, g = sampled(*parabola(u, g, _top(g)))
+    points = np.arange(u.shape[1])
+    best = _top(g)
+    time, value = u[best, points], g[best, points]
+    low, trial, high = parabola(u, g, best)
     top, height, rest = np.array(trial), np.array(value), points
     for _ in range(NEWTON):
         there, rate, second = curves.along_u(name, trial, order)

@@ -97,6 +97,10 @@ def tune(
     being tuned. `Regions` become limits along the initial path; if the tuned path violates them, they become limits
     along this path, and the path is tuned again.
 
+    Obstacles in `limits.keep_out` are avoided by the whole `body`. Further searches start on both sides of the three
+    obstacles nearest to the initial path: outside and inside, above and below. Obstacles may move; all problems of a
+    batch have the same ones.
+
     `corridor` [m] limits the distance from the initial path at equal fractions of the two durations, with the
     difference of the azimuths measured along the arc (an upper bound on the straight-line distance). The corridor is an
     additional limit, the last one in the certificate.
@@ -132,7 +136,7 @@ def tune(
     **Precision**: float32 states are converted, the search and the proof use float64, and the path is in float64.
 
     **Raises:** ValueError for contradictory arguments, for a single ill-posed problem, or for float32 inside `jit`,
-    `grad` or `vmap`. A problem without a solution is not an error: its `status` is "infeasible", and its `result`
+    `grad` or `vmap`, and for traced obstacles. A problem without a solution is not an error: its `status` is "infeasible", and its `result`
     contains the reason and advice. With `throw`, RuntimeError if the status of any problem is not "converged".
     """
     start, end, limits, placement = in_float64((start, end, limits, placement))
