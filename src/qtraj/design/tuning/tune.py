@@ -135,9 +135,10 @@ def tune(
 
     **Precision**: float32 states are converted, the search and the proof use float64, and the path is in float64.
 
-    **Raises:** ValueError for contradictory arguments, for a single ill-posed problem, or for float32 inside `jit`,
-    `grad` or `vmap`, and for traced obstacles. A problem without a solution is not an error: its `status` is "infeasible", and its `result`
-    contains the reason and advice. With `throw`, RuntimeError if the status of any problem is not "converged".
+    **Raises:** ValueError for contradictory arguments, for a single ill-posed problem, for float32 inside `jit`, `grad`
+    or `vmap`, or for traced obstacles. A problem without a solution is not an error: its `status` is "infeasible", and
+    its `result` contains the reason and advice. With `throw`, RuntimeError if the status of any problem is not
+    "converged".
     """
     start, end, limits, placement = in_float64((start, end, limits, placement))
     objective, motion = get_objective(objective, nearest_to), get_motion(motion)

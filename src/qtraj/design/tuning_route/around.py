@@ -28,8 +28,6 @@ def require_possible(route: Route, limits: Limits, held: np.ndarray) -> None:
     obstacles = limits.keep_out or ()
     if any(x.moves for x in obstacles):
         raise ValueError("tune_route does not support obstacles that move: check the result with qtraj.certify")
-    if limits.varying and obstacles:
-        raise ValueError("tune_route does not support obstacles together with limits that change along the way")
     if limits.body is not None and limits.body.turns and np.any(np.asarray(Driving.along(route).signs) < 0):
         raise ValueError(
             "tune_route does not support a body with offsets on a route that reverses: use route.window(t0, t1) for "
@@ -63,7 +61,9 @@ def with_obstacles(problem: RouteProblem, starts: np.ndarray, own: tuple[Clear, 
         distance = np.asarray(x.obstacle.distance(points, np.zeros(points.shape[:-1]))).min(axis=0)
         reach = x.radius + float(np.linalg.norm(x.offset)) + width + chord
         used[len(problem.names) - len(own) + k][:, distance > reach] = False
-    return problem._replace(used=used)
+    own_rows = used[len(problem.names) - len(own) : len(problem.names)].any(axis=1)
+    reached = own_rows | np.roll(own_rows, 1, axis=1) | np.roll(own_rows, -1, axis=1)
+    return problem._replace(used=used, reached=reached)
 
 
 def starts(problem: RouteProblem, own: tuple[Clear, ...]) -> list[np.ndarray]:

@@ -193,7 +193,7 @@ def _solution(
 
     problem = posed(bounds, held, objective, objective == "smoothest")
     if limits.varying:
-        problem = problem._replace(local=along.local_squares(route, limits, given.curves, closed))
+        problem = problem._replace(local=along.local_squares(route, limits, given.curves, closed, len(own)))
     if nearest_to is not None:
         problem = problem._replace(target=target.offset(route, given, problem.moving, nearest_to))
     found = _unchanged(route, given, limits, widths, problem)
