@@ -217,10 +217,7 @@ class ResultCode(enum.IntEnum):
         "a fixed heading needs a velocity about the axis (V_phi not zero) at that end. Remove the heading from "
         "fixed, or pass a placement with another axis.",
     )
-    inside_obstacle = (
-        ILL_POSED + 13,
-        "the body is inside an obstacle at the start or at the end. Move the state, or the obstacle.",
-    )
+    inside_obstacle = ILL_POSED + 13, "the body is inside an obstacle at the start or at the end: move one of them."
     state_not_finite = (
         ILL_POSED + 10,
         "a boundary position, a velocity or the placement is NaN or infinite. Pass finite numbers.",
