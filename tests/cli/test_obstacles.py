@@ -65,3 +65,50 @@ def test_bad_obstacles_are_named(qtraj, folder, change, message):
     result = qtraj("route", file)
     assert result.exit_code == 2
     assert message in " ".join(result.stderr.split())
+
+
+TURN = """
+[start]
+position = [20.0, 0.0, 0.0]
+velocity = [0.0, 6.0, 0.5]
+
+[end]
+position = [0.0, 22.0, 3.0]
+velocity = [-6.0, 0.0, 0.2]
+
+[tune]
+starts = 2
+
+[limits]
+curvature = 0.1
+
+[[limits.keep_out]]
+cylinder = {point = [14.5, 14.5, 0.0], axis = [0.0, 0.0, 1.0], radius = 1.5}
+
+[[limits.keep_out]]
+polygon = [[8.0, 16.0], [10.0, 16.0], [10.0, 18.0], [8.0, 18.0]]
+
+[[limits.body]]
+radius = 0.5
+"""
+
+
+def test_a_turn_is_tuned_and_drawn(qtraj, tmp_path):
+    file = tmp_path / "turn.toml"
+    file.write_text(TURN)
+    result = qtraj("tune", file, "--out", tmp_path / "out", "--json")
+    assert result.exit_code == 0, result.stderr
+    content = json.loads(result.stdout)
+    assert content["tuning"]["status"] == "converged"
+    assert "touches keep_out[0]" in content["tuning"]["result"]
+    assert (tmp_path / "out" / "tuning.png").exists()
+
+
+def test_a_start_inside_an_obstacle_is_an_error_of_the_file(qtraj, tmp_path):
+    file = tmp_path / "turn.toml"
+    file.write_text(TURN.replace("[14.5, 14.5, 0.0]", "[20.5, 0.0, 0.0]"))
+    result = qtraj("tune", file)
+    assert result.exit_code == 2
+    assert "at the start, whose position is fixed, the body is inside keep_out[0], by 1.5 m" in " ".join(
+        result.stderr.split()
+    )

@@ -1,6 +1,7 @@
 """The classes of obstacles: arguments, distances, storage, and clearances with derivatives."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -103,10 +104,37 @@ def test_other_obstacles_are_type_errors(given):
         qt.Limits(keep_out=[EVERY[0]], body=[1.0])
 
 
-def test_certify_needs_one_concrete_path():
-    limits = qt.Limits(keep_out=[EVERY[1]])
-    batch = jax.tree.map(lambda x: np.stack([x, x]), HELIX)
-    with pytest.raises(ValueError, match="one path"):
-        qt.certify(batch, limits)
+def test_batches_and_tracers_of_helices_have_the_certificates_of_single_paths():
+    limits = qt.Limits(speed=9.0, keep_out=[EVERY[1], EVERY[0]], body=[(-1.0, 0.4), (1.0, 0.4)])
+    heights = np.array([0.4, 0.5, 0.6])
+    each = [qt.certify(qt.SpiralHelix([20.0], [0.0, 0.3], [h], 10.0), limits) for h in heights]
+    make = lambda h: qt.SpiralHelix(jnp.array([20.0]), jnp.array([0.0, 0.3]), jnp.stack([h]), jnp.asarray(10.0))  # noqa: E731
+    together = qt.certify(jax.vmap(make)(jnp.asarray(heights)), limits)
+    traced = jax.jit(lambda h: (lambda c: (c.codes, c.values))(qt.certify(make(h), limits)))
+    for k, one in enumerate(each):
+        assert together[k].status == one.status
+        np.testing.assert_allclose(together.values[k], one.values, rtol=1e-12)
+        codes, values = traced(heights[k])
+        np.testing.assert_array_equal(codes, one.codes)
+        np.testing.assert_allclose(values, one.values, rtol=1e-12)
+
+
+def test_the_clearance_in_a_certificate_is_differentiable():
+    limits = qt.Limits(keep_out=[qt.Cylinder([30.0, 1.0, 0.0], [0.0, 0.0, 1.0], 2.0)])
+
+    def clearance(radius):
+        path = qt.SpiralHelix(jnp.stack([radius]), jnp.array([0.0, 0.3]), jnp.array([0.5]), jnp.asarray(10.0))
+        return qt.certify(path, limits).values[0]
+
+    # The nearest point of the circle is in the direction of the axis of the cylinder.
+    assert clearance(20.0) == pytest.approx(np.hypot(30.0, 1.0) - 22.0, rel=1e-9)
+    assert jax.grad(clearance)(20.0) == pytest.approx(-1.0, rel=1e-6)
+
+
+def test_certify_needs_concrete_obstacles_and_one_route():
+    x = np.linspace(0.0, 60.0, 3)
+    route = qt.Route(x / 5.0, *(np.stack([v, 0 * x, 0 * x], axis=1) for v in (x, 0 * x + 5.0, 0 * x)))
     with pytest.raises(ValueError, match="concrete values"):
-        jax.jit(lambda h: qt.certify(qt.SpiralHelix([20.0], [0.0, 0.3], [h], 10.0), limits).values)(0.5)
+        jax.jit(lambda r: qt.certify(HELIX, qt.Limits(keep_out=[qt.Ball([9.0, 0.0, 0.0], r)])).values)(0.5)
+    with pytest.raises(ValueError, match="concrete values"):
+        jax.grad(lambda h: qt.certify(jax.tree.map(lambda v: v * h, route), qt.Limits(keep_out=[EVERY[1]])).code)(1.0)

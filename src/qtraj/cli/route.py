@@ -82,7 +82,7 @@ def route(
         *([] if tuned is None else [*_limits("Limits on the tuned route", tuned.certificate), tuned.result]),
         *(f"{name}: {reason}" for name, reason in loaded.scenario.purpose.items()),
     ]
-    writers = route_files(dataset, task.fitted, certificate, tuned)
+    writers = route_files(dataset, task.fitted, certificate, tuned, task.limits)
     return Outcome(content, text, loaded, failed, writers, optional=("certificate.json", "tuning.json"))
 
 

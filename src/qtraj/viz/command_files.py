@@ -65,7 +65,7 @@ def tuned_files(
     return {
         **netcdf("paths.nc", dataset),
         **documents({"path.toml": tuned.path, "tuning.toml": tuned}),
-        **figure("tuning", figures.tuning_figure(dataset)),
+        **figure("tuning", figures.tuning_figure(dataset, limits)),
     }
 
 
@@ -74,15 +74,19 @@ def route_files(
     fitted: FittedRoute,
     certificate: RouteCertificate | None = None,
     tuned: TunedRoute | None = None,
+    limits: Limits | None = None,
 ) -> dict[str, Writer]:
-    """Return the files of `qtraj route`: the dataset from `route_dataset`, documents, figures and the report."""
+    """Return the files of `qtraj route`: the dataset from `route_dataset`, documents, figures and the report.
+
+    The figure shows the obstacles of `limits`.
+    """
     named = {
         "route.json": fitted.path if tuned is None else tuned.path,
         "fit.json": fitted,
         "certificate.json": certificate if tuned is None else tuned.certificate,
         "tuning.json": tuned,
     }
-    drawn = figure("route", figures.route_figure(dataset))
+    drawn = figure("route", figures.route_figure(dataset, limits))
     return {**netcdf("paths.nc", dataset), **documents(named), **drawn, **report(dataset)}
 
 

@@ -9,6 +9,7 @@ import xarray
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D  # registers the projection
 
+from qtraj.design.limits import Limits
 from qtraj.foundation.units import symbol
 from qtraj.io.dataset import LIMIT_VARIABLES, bounded_values, limited_variables, limits_along, limits_of, own_variables
 from qtraj.viz.drawable import path_samples
@@ -23,11 +24,12 @@ FLAT = 0.85
 LONG = 22  # names with more characters have the unit in a second line
 
 
-def tuning_figure(dataset: Any) -> Figure:
+def tuning_figure(dataset: Any, limits: Limits | None = None) -> Figure:
     """Plot paths in space, and curvature, lateral acceleration and all limited quantities over time.
 
     `dataset` is the result of `qtraj.io.dataset.path_dataset`, or a path or a result that can be converted to it. All
-    paths and the recorded points are drawn, and trihedra on the last path. Each quantity has its own panel.
+    paths and the recorded points are drawn, trihedra on the last path, and the obstacles of `limits`. Each quantity has
+    its own panel.
 
     **Raises:** ValueError for a dataset without paths, or an object of any other type.
     """
@@ -39,7 +41,7 @@ def tuning_figure(dataset: Any) -> Figure:
         figure = Figure(figsize=(WIDTH, height))
         # The 3-D axes have the same shape for any number of panels, and start below the title.
         space: Any = figure.add_axes((-0.045, 1 - (4.65 + band) / height, 0.575, 4.6 / height), projection=Axes3D.name)
-        draw_space(space, dataset)
+        draw_space(space, dataset, limits=limits)
         margins = {"left": 0.63, "right": 0.985, "top": 1 - (0.15 + band) / height, "bottom": 0.55 / height}
         _draw_panels(figure, dataset, panels, margins)
         figure.legend(handles=space.get_legend_handles_labels()[0], loc="upper left", fontsize=8)

@@ -1,4 +1,4 @@
-"""Draw obstacles and the body in a map, seen from above."""
+"""Draw obstacles and the body in a map, seen from above, and obstacles in space."""
 
 from typing import Any
 
@@ -17,6 +17,9 @@ from qtraj.path.hodograph import AbstractHodograph
 FILL = {"facecolor": "0.8", "edgecolor": "0.45", "lw": 0.8, "zorder": 1}
 BODY = {"fill": False, "edgecolor": "#0072B2", "lw": 0.7, "alpha": 0.7, "zorder": 4}
 
+RINGS = 5
+"""The number of wires around a cylinder or walls."""
+
 UPRIGHT = 1e-6
 """A cylinder whose axis differs less from the vertical [rad] is drawn as a circle."""
 
@@ -33,6 +36,45 @@ def draw_obstacles(axes: Any, limits: Limits, centre: Float[np.ndarray, " 2"] | 
             axes.add_patch(patch)
         for start, direction in _edges(obstacle, shift):
             axes.axline(start, start + direction, color=FILL["edgecolor"], lw=FILL["lw"], zorder=1)
+
+
+def draw_obstacles_in_space(axes: Any, limits: Limits, centre: Float[np.ndarray, " 3"], extent: float) -> None:
+    """Draw the obstacles of `limits` as wires, relative to `centre` (3,) [m]; those that move, at the start.
+
+    Cylinders and upright walls have the height of the axes. Half spaces, and obstacles larger than the `extent` [m] of
+    the path, are not drawn.
+    """
+    low, high = axes.get_zlim()
+    for obstacle in limits.keep_out or ():
+        lines = _wires(obstacle, np.asarray(centre, float), low, high)
+        if lines and max(np.ptp(line, axis=0).max() for line in lines) <= 2 * extent:
+            for line in lines:
+                axes.plot(*line.T, color=FILL["edgecolor"], lw=0.6, zorder=1)
+
+
+def _wires(obstacle: Any, centre: np.ndarray, low: float, high: float) -> list[np.ndarray]:
+    """Return closed lines (n, 3) on the surface of an obstacle; none for a half space."""
+    angle = np.linspace(0.0, 2 * np.pi, 49)
+    ring = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    if isinstance(obstacle, Ball | Ellipsoid):
+        if isinstance(obstacle, Ball):
+            axes = float(obstacle.radius) * np.eye(3)
+        else:
+            squares, vectors = np.linalg.eigh(np.asarray(obstacle.shape, float))
+            axes = vectors * np.sqrt(squares)
+        return [np.roll(ring, k, axis=1) @ axes.T + np.asarray(obstacle.centre)[0] - centre for k in range(3)]
+    heights = np.linspace(low, high, RINGS)[:, None]
+    if isinstance(obstacle, Cylinder):
+        along = np.asarray(obstacle.axis, float) / np.linalg.norm(np.asarray(obstacle.axis, float))
+        first = np.linalg.svd(along[None])[2][1]
+        round_ = float(obstacle.radius) * (ring[:, :1] * first + ring[:, 1:2] * np.cross(along, first))
+        point = np.asarray(obstacle.point, float)[0] - centre
+        middle = point - (point @ along) * along
+        return [middle + h * along + round_ for h in heights]
+    if isinstance(obstacle, ConvexPolygon):
+        corners = np.asarray(obstacle.vertices)[[*range(len(obstacle.vertices)), 0]] - centre[:2]
+        return [np.append(corners, np.full((len(corners), 1), h), axis=1) for h in heights]
+    return []
 
 
 def draw_body(

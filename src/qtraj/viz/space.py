@@ -10,8 +10,10 @@ from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D  # registers the projection
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
+from qtraj.design.limits import Limits
 from qtraj.viz.drawable import path_samples
 from qtraj.viz.extent import beside
+from qtraj.viz.obstacles import draw_obstacles_in_space
 from qtraj.viz.style import AXIS_COLOURS, RC, RECORD, body_axes, head, path_line, title
 
 TRIHEDRA = 6
@@ -52,11 +54,17 @@ def path_figure(
 
 
 def draw_space(
-    axes: Any, dataset: xarray.Dataset, trihedra: int = TRIHEDRA, velocities: bool = False, reference: bool = False
+    axes: Any,
+    dataset: xarray.Dataset,
+    trihedra: int = TRIHEDRA,
+    velocities: bool = False,
+    reference: bool = False,
+    limits: Limits | None = None,
 ) -> None:
     """Plot all paths relative to their common centre, or relative to the origin if `reference` is true.
 
-    With positions relative to the centre, tick labels are short even if the world coordinates are large.
+    With positions relative to the centre, tick labels are short even if the world coordinates are large. The obstacles
+    of `limits` are drawn, too.
     """
     positions = dataset["position"].values
     flat = positions.reshape(-1, 3)
@@ -78,6 +86,8 @@ def draw_space(
         _draw_velocities(axes, last, centre, extent)
     for end, letter in ((0, "A"), (-1, "B")):
         axes.text(*(positions[-1, end] - centre), f"  {letter}", fontweight="bold")
+    if limits is not None:
+        draw_obstacles_in_space(axes, limits, centre, extent)
     _frame(axes, centre, extent)
 
 

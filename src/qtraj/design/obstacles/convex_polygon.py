@@ -20,6 +20,9 @@ from qtraj.foundation.document import storable
 from qtraj.foundation.namespace import xp
 from qtraj.foundation.types import ArrayInput
 
+ROUNDING = 2e-3
+"""The part of the length of the shortest wall with which searches round the corners for a point."""
+
 
 @storable
 class ConvexPolygon(AbstractObstacle):
@@ -68,21 +71,32 @@ class ConvexPolygon(AbstractObstacle):
         inside = xp.max(height, axis=-1)
         return xp.where(inside <= 0, inside, nearest)
 
+    @property
+    def occupied_length(self) -> bool:
+        """True."""
+        return True
+
+    @property
+    def rounding(self) -> float:
+        """A small part of the length of the shortest wall."""
+        vertices = np.asarray(self.vertices, float)
+        return ROUNDING * float(np.linalg.norm(np.roll(vertices, -1, axis=0) - vertices, axis=1).min())
+
     def occupancy(self, centre: Any, reach: float) -> Any:
         """Return 1 plus how far [m] the ball reaches beyond the nearest wall or corner."""
         x, y, _ = centre
-        a, b = (np.asarray(getattr(p, "value", p)) for p in (x, y))
+        a, b = (xp.asarray(getattr(p, "value", p)) for p in (x, y))
         vertices = np.asarray(self.vertices, float)
         edge = np.roll(vertices, -1, axis=0) - vertices
         length = np.linalg.norm(edge, axis=1)
         ahead, normal = edge / length[:, None], np.stack([edge[:, 1], -edge[:, 0]], axis=1) / length[:, None]
-        away = np.stack([a, b], axis=-1)[..., None, :] - vertices
-        height, along = (np.einsum("...kc,kc->...k", away, v) for v in (normal, ahead))
-        wall = np.argmax(height, axis=-1)
-        own = np.take_along_axis(along, wall[..., None], axis=-1)[..., 0]
-        corner = np.where(own < 0, wall, (wall + 1) % len(vertices))
-        at_corner = (np.max(height, axis=-1) > 0) & ((own < 0) | (own > length[wall]))
-        n, v, c = normal[wall], vertices[wall], vertices[corner]
+        away = xp.stack([a, b], axis=-1)[..., None, :] - vertices
+        height, along = ((away * v).sum(axis=-1) for v in (normal, ahead))
+        wall = xp.argmax(height, axis=-1)
+        own = xp.take_along_axis(along, wall[..., None], axis=-1)[..., 0]
+        corner = xp.where(own < 0, wall, (wall + 1) % len(vertices))
+        at_corner = (xp.max(height, axis=-1) > 0) & ((own < 0) | (own > xp.take(length, wall)))
+        n, v, c = (xp.take(x, k, axis=0) for x, k in ((normal, wall), (vertices, wall), (vertices, corner)))
         straight = (x - v[..., 0]) * n[..., 0] + (y - v[..., 1]) * n[..., 1]
         # Away from corners the root is that of 1.
         dx, dy = (x - c[..., 0]) * (1.0 * at_corner), (y - c[..., 1]) * (1.0 * at_corner)

@@ -53,6 +53,11 @@ class HalfSpace(AbstractObstacle):
         """Return the distances [m] of points (..., 3), negative inside; the times do not matter."""
         return ((points * xp.broadcast_to(self.normal, points.shape)).sum(axis=-1) - self.offset) / norm(self.normal)
 
+    @property
+    def occupied_length(self) -> bool:
+        """True."""
+        return True
+
     def occupancy(self, centre: Any, reach: float) -> Any:
         """Return 1 plus how far [m] the ball is beyond the plane."""
         length = float(np.linalg.norm(np.asarray(self.normal, float)))

@@ -43,6 +43,16 @@ class AbstractObstacle(eqx.Module):
         The components of the centre are arrays or jets. The obstacle does not move.
         """
 
+    @property
+    def occupied_length(self) -> bool:
+        """Whether `occupancy` minus 1 is a length [m]; otherwise it is a squared length relative to the size."""
+        return False
+
+    @property
+    def rounding(self) -> float:
+        """The smallest reach [m] with which a search rounds the corners of the obstacle; 0 without corners."""
+        return 0.0
+
     def checked(self) -> AbstractObstacle:
         """Return this obstacle in NumPy, made again: numbers that were traced when it was made are checked now.
 

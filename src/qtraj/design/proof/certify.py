@@ -111,8 +111,8 @@ def certify(
     Obstacles in `limits.keep_out` are proved to be avoided by the whole `body`, on routes, shapes, spiral-helices and
     their timings. The names in the certificate are "keep_out[0]", "keep_out[1]" and so on. The value is the smallest
     clearance [m], and its limit is 0. With an offset, the body has a direction; the proof is about all instants at
-    which the path has one. Obstacles that move are sampled on the path of `retime`. One path with concrete values is
-    needed.
+    which the path has one. Obstacles that move are sampled on the path of `retime`. The obstacles must have concrete
+    values, and so must the path; only `SpiralHelix` may be traced or a batch.
 
     `corridor` [m] is the maximum distance between two spiral-helices about the same axis, `path` and `reference`, at
     equal fractions of their durations. It is the last limit of the certificate. The difference of the azimuths

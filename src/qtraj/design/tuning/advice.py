@@ -25,6 +25,7 @@ from qtraj.design.tuning.targets import factors, given, target, user_value_at, v
 from qtraj.design.tuning.task import as_jax, one
 from qtraj.foundation.progress import Report
 from qtraj.foundation.units import with_unit
+from qtraj.path.clearance_quantity import names_obstacle
 from qtraj.path.quantity import CORRIDOR, quantity
 from qtraj.path.vehicle import Vehicle
 
@@ -82,16 +83,16 @@ class SearchOptions(NamedTuple):
 
     def user_limits(self, searches: Searches) -> dict[str, float]:
         """Return the limits of one problem in the user's units, by name."""
-        divisors = factors(searches.limits, self.vehicle)
-        return {
-            name: float(quantity(name).of_tangent(x[0])) * divisors[name] for name, x in given(searches.limits).items()
-        }
+        own = given(searches.limits)
+        divisors = factors(own, self.vehicle)
+        return {name: float(quantity(name).of_tangent(x[0])) * divisors[name] for name, x in own.items()}
 
     def with_limits(self, searches: Searches, limits: dict[str, float]) -> Searches:
         """Return one problem with other limits in the user's units."""
         divisors = factors(limits, self.vehicle)
         reduced = {name: quantity(name).tangent(np.asarray([x / divisors[name]])) for name, x in limits.items()}
-        return dataclasses.replace(searches, limits={name: target(name, reduced) for name in reduced})
+        obstacles = {name: x for name, x in searches.limits.items() if names_obstacle(name)}
+        return _replaced(searches, {name: target(name, reduced) for name in reduced} | obstacles)
 
     def can_be_met(self, searches: Searches) -> bool:
         """Check whether a multistart search finds a path that satisfies the limits of one problem."""
@@ -102,7 +103,9 @@ class SearchOptions(NamedTuple):
         corridor = limits.pop(CORRIDOR.name, None)
         path, initial = (as_jax(one(problem.path(z))) for z in (result.z.T, problem.zero))
         reference = None if corridor is None else initial
-        return certify(path, limits_of(limits, self.vehicle), corridor=corridor, reference=reference).met
+        own = problem.clearances
+        obstacles = {} if own is None else {"keep_out": own.keep_out, "body": own.body}
+        return certify(path, limits_of(limits, self.vehicle, **obstacles), corridor=corridor, reference=reference).met
 
 
 def advice(searches: Searches, result: SearchResult, options: SearchOptions) -> str:
@@ -112,13 +115,18 @@ def advice(searches: Searches, result: SearchResult, options: SearchOptions) -> 
         searches = dataclasses.replace(searches, problem=problem.without_objective())
     # The search replaces limits that are almost zero by larger limits. Use the limits of the search here as well.
     limits = options.user_limits(searches)
-    worst = dict(zip(limits, np.exp(largest_values(searches, result.z.T)[:, 0]).tolist(), strict=True))
+    values = dict(zip(searches.limits, largest_values(searches, result.z.T)[:, 0].tolist(), strict=True))
+    worst = {name: math.exp(values[name]) for name in limits}
     violated = [name for name, ratio in worst.items() if ratio > 1 + FEASIBLE]
+    own = {} if problem.clearances is None else problem.clearances.obstacles
+    entered = [name for name, rows in own.items() if max(values[row] for row in rows) > FEASIBLE]
     min_ratios = worst
-    if len(limits) > 1:
+    if len(searches.limits) > 1:
         min_ratios = {name: min(_min_ratio_alone(searches, name, options), worst[name]) for name in violated}
     sentences = [_describe(name, min_ratios[name], limits, options.starts) for name in violated]
-    remedies = [*_raise_limits(searches, limits, worst, violated, options), *_move_number(searches, result, options)]
+    sentences += [_describe_obstacle(searches, name, options) for name in entered]
+    remedies = _raise_limits(searches, limits, worst, violated, options) if violated else []
+    remedies += [*_omit_obstacles(searches, entered, options), *_move_number(searches, result, options)]
     possible_remedies = []
     if problem.motion.is_uniform:
         possible_remedies.append("motion 'hermite', whose angular rate need not be constant")
@@ -145,6 +153,39 @@ def _describe(name: str, min_ratio: float, limits: dict[str, float], starts: int
     return f"The limit on {name} can be satisfied alone; no path was found that satisfies all limits."
 
 
+def _describe_obstacle(searches: Searches, name: str, options: SearchOptions) -> str:
+    """Describe the result of a search with one obstacle and no other limit."""
+    relaxed = {key: value_at(RELAXATION, key, searches.limits) for key in given(searches.limits)}
+    if float(options.solve(_among(_replaced(searches, relaxed), [name])).violation[0]) <= FEASIBLE:
+        return f"{name} alone can be avoided; no path was found that also satisfies all limits."
+    return f"{name} was not avoided, even without other limits and obstacles."
+
+
+def _omit_obstacles(searches: Searches, entered: list[str], options: SearchOptions) -> list[str]:
+    """Describe the obstacles that must be omitted; return an empty list if this is not enough, or none is entered."""
+    own = searches.problem.clearances
+    if own is None or not entered:
+        return []
+    kept = [name for name in own.obstacles if name not in entered]
+    others = _among(searches, kept)
+    return [f"omit {' and '.join(entered)}"] if others.limits and options.can_be_met(others) else []
+
+
+def _among(searches: Searches, kept: list[str]) -> Searches:
+    """Return one problem with the obstacles of these names."""
+    own = searches.problem.clearances
+    few = None if own is None else own.only(kept)
+    limits = {name: x for name, x in searches.limits.items() if not names_obstacle(name)}
+    names = () if few is None else few.by_name
+    problem = dataclasses.replace(searches.problem, clearances=few)
+    return _replaced(dataclasses.replace(searches, problem=problem), limits | dict.fromkeys(names, np.zeros(1)))
+
+
+def _replaced(searches: Searches, limits: dict[str, np.ndarray]) -> Searches:
+    """Return one problem with other limits, in the order of their names."""
+    return dataclasses.replace(searches, limits={name: limits[name] for name in sorted(limits)})
+
+
 def _raise_limits(
     searches: Searches, limits: dict[str, float], worst: dict[str, float], violated: list[str], options: SearchOptions
 ) -> list[str]:
@@ -162,9 +203,10 @@ def _change(name: str) -> str:
 
 def _min_ratio_alone(searches: Searches, name: str, options: SearchOptions) -> float:
     """Return the smallest peak of one quantity divided by its limit, with all other limits relaxed."""
+    searches = _among(searches, [])
     limits = searches.limits
     relaxed = {key: x if key == name else value_at(RELAXATION, key, limits) for key, x in limits.items()}
-    return math.exp(float(options.solve(dataclasses.replace(searches, limits=relaxed)).violation[0]))
+    return math.exp(float(options.solve(_replaced(searches, relaxed)).violation[0]))
 
 
 def _move_number(searches: Searches, result: SearchResult, options: SearchOptions) -> list[str]:

@@ -15,8 +15,8 @@ from jaxtyping import Array, Int
 from qtraj.design.ellipse import OfSpeed
 from qtraj.design.limit_checks import refuse_changing
 from qtraj.design.limits import Limits, require_limits
-from qtraj.design.obstacles.keep_out import refuse_obstacles
 from qtraj.design.own_limits import require_reduced
+from qtraj.design.tuning import inside
 from qtraj.design.tuning.motions.motion import AbstractMotion
 from qtraj.design.tuning.objectives.objective import AbstractObjective
 from qtraj.design.tuning.problem import Problem
@@ -53,7 +53,6 @@ def require_choices(
     """Raise a ValueError if arguments contradict each other; `has_duration` is true if the user passed a duration."""
     require_states(start, end)
     require_limits(limits)
-    refuse_obstacles(limits, "tune", "omit keep_out, and check the result with qtraj.certify")
     by_speed = {name: x for name, x in limits.given().items() if isinstance(x, OfSpeed)}
     refuse_changing(by_speed, "tune", "retime supports it for a route, such as Route.from_path(path)")
     user_limits = limits.given()
@@ -63,7 +62,7 @@ def require_choices(
             "tune does not support limits on forces with a direction of the road to the left: use tune_route, such as "
             "tune_route(Route.from_path(path), limits), or pass a vehicle without Road(left=...)"
         )
-    if not user_limits:
+    if not user_limits and limits.keep_out is None:
         raise ValueError("no limit was given: tuning needs at least one limit, so set at least one field of Limits")
     if objective.needs_time_limit and not bound_speed(user_limits):
         # A limit on the power does not bound the speed while braking.
@@ -259,6 +258,11 @@ FAULTS = (
         ResultCode.azimuths_equal,
         lambda d: d.problem.turn == 0,
         lambda _: ResultCode.azimuths_equal.text,
+    ),
+    _Fault(
+        ResultCode.inside_obstacle,
+        lambda d: inside.occurs(d.problem, d.xp),
+        lambda d: inside.message(d.problem),
     ),
     _Fault(ResultCode.senses_opposite, _senses_oppose, _senses_message),
     _Fault(

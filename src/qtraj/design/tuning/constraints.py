@@ -2,10 +2,10 @@
 
 A constraint is g(z, u) = ln(value/limit) ≤ 0, where z are the variables and u is the time divided by the duration T.
 For a lower bound on a quantity that is never negative, the ratio is limit/value. A quantity that can be negative has a
-large negative constraint value where it is negative. The registry's formulas are
-evaluated for the derivatives with respect to u, in units of a length L of the problem. So T enters only as −p·ln T,
-where p is the power of 1/s in the unit of the quantity, and in the gravity of forces. The arithmetic is NumPy's, JAX's,
-or that of jets.
+large negative constraint value where it is negative. The value for an obstacle is that of `clearances`. The registry's
+formulas are evaluated for the derivatives with respect to u, in units of a length L of the problem. So T enters only as
+−p·ln T, where p is the power of 1/s in the unit of the quantity, and in the gravity of forces. The arithmetic is
+NumPy's, JAX's, or that of jets.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,8 +19,11 @@ from qtraj.algebra.jets import cos, exp, log, replaced, sin, sqrt
 from qtraj.algebra.polynomial import taylor_terms
 from qtraj.algebra.sparse import mul
 from qtraj.design.one_sided import scale_and_shift
+from qtraj.design.tuning import clearances
+from qtraj.design.tuning.clearances import Clearances
 from qtraj.design.tuning.problem import Formulas
 from qtraj.foundation.arrays import concrete
+from qtraj.path.clearance_quantity import CLEARANCE
 from qtraj.path.components import rotated_z
 from qtraj.path.frenet import Invariants
 from qtraj.path.moving_basis import in_moving_basis
@@ -44,7 +47,8 @@ class Units(NamedTuple):
 
     `length` is L [m], `log_duration` is ln T, `up` is the vertical in the axes of the placement, or None if it is the
     third axis, and `reference` contains the cubics of the initial path. `road` contains the parameters of the vehicle.
-    `limits` are the limits in the order of the names.
+    `limits` are the limits in the order of the names. `axes` are the origin and the axes of the placement in the world,
+    which only obstacles need.
     """
 
     length: Any
@@ -53,6 +57,8 @@ class Units(NamedTuple):
     road: Any
     reference: tuple[Sequence[Any], Sequence[Any], Sequence[Any]]
     limits: Mapping[str, Any]
+    clearances: Clearances | None = None
+    axes: tuple[Any, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -62,12 +68,13 @@ class _Entry:
     entry: PathQuantity
     length: int
     per_time: int
+    is_clearance: bool
 
 
 @cache
 def _entry(name: str) -> _Entry:
     entry = quantity(name)
-    return _Entry(entry, entry.length, entry.per_time)
+    return _Entry(entry, entry.length, entry.per_time, entry is CLEARANCE)
 
 
 def units(problem: Formulas, z: Any, limits: Mapping[str, Any], level: bool) -> Units:
@@ -77,7 +84,9 @@ def units(problem: Formulas, z: Any, limits: Mapping[str, Any], level: bool) -> 
     if not problem.objective.fixes_duration:
         duration = z[problem.size - 1] + duration
     length = problem.speed * problem.duration
-    return Units(length, duration, up, problem.road, problem.cubics(problem.zero), limits)  # type: ignore[arg-type]
+    own, road, reference = problem.clearances, problem.road, problem.cubics(problem.zero)
+    axes = None if own is None else clearances.axes_of(problem.placement)
+    return Units(length, duration, up, road, reference, limits, own, axes)  # type: ignore[arg-type]
 
 
 def order_of(names: Sequence[str]) -> int:
@@ -109,6 +118,8 @@ def invariants(at: Place, by: Units) -> Invariants:
 def value(name: str, at: Place, i: Invariants, by: Units, u: Any) -> Any:
     """Return the constraint value g of one limit, from the Taylor coefficients and the invariants at `u`."""
     own = _entry(name)
+    if own.is_clearance:
+        return clearances.value(name, at, by, u)
     if name == CORRIDOR.name:
         return _log_ratio(_squared_distance(at, by, u), None) * 0.5 - log(by.limits[name])
     entry = own.entry

@@ -22,6 +22,9 @@ over the lower one: two peaks may be closer to each other than the nodes."""
 RELEVANT = -1.5
 """Maxima below this constraint value are not refined: a quantity at a fifth of its limit constrains no step."""
 
+RELEVANT_CLEARANCE = -12.0
+"""The same for an obstacle, whose constraint value is quadratic: a ball at five times the sum of the radii."""
+
 SHARP = 0.05
 """If the smallest value of a divisor is below this fraction of its largest, a peak near its minimum may be narrow."""
 
@@ -44,13 +47,15 @@ class Candidates:
     high: np.ndarray
 
 
-def highest(g: Float[np.ndarray, "nodes batch"], nodes: Float[np.ndarray, "nodes *batch"]) -> Candidates:
-    """Return the highest local maxima of each search at the nodes, and the shoulders beside them."""
+def highest(
+    g: Float[np.ndarray, "nodes batch"], nodes: Float[np.ndarray, "nodes *batch"], least: float = RELEVANT
+) -> Candidates:
+    """Return the highest local maxima of each search at the nodes, at least `least`, and the shoulders beside them."""
     rise, drop = np.zeros(g.shape), np.zeros(g.shape)
     rise[1:] = g[1:] - g[:-1]
     drop[:-1] = -rise[1:]
     is_peak = (rise >= -SHOULDER * drop) & (drop >= -SHOULDER * rise)
-    heights = np.where(is_peak & (g > RELEVANT), g, -np.inf)
+    heights = np.where(is_peak & (g > least), g, -np.inf)
     if np.max(np.count_nonzero(heights > -np.inf, axis=0), initial=0) > PER_LIMIT:
         lowest = np.partition(heights, -PER_LIMIT, axis=0)[-PER_LIMIT]
         heights = np.where(heights >= lowest, heights, -np.inf)
@@ -106,11 +111,19 @@ def parabola(u: np.ndarray, g: np.ndarray, best: np.ndarray) -> tuple[np.ndarray
     return low, np.where(good, top, middle), high
 
 
-def refined(name: str, curves: Curves, at: Candidates, offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the times and the values of the maxima, by Newton's method."""
+def refined(
+    name: str, curves: Curves, at: Candidates, offsets: np.ndarray, rounds: int = 1
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the times and the values of the maxima, by Newton's method after `rounds` parabolas."""
     order = quantity(name).order
-    u = instants(at.low, at.middle, at.high, offsets)
-    g = np.broadcast_to(curves.values([name], u, order)[0], u.shape)
+
+    def sampled(low: np.ndarray, middle: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        u = instants(low, middle, high, offsets)
+        return u, np.broadcast_to(curves.values([name], u, order)[0], u.shape)
+
+    u, g = sampled(at.low, at.middle, at.high)
+    for _ in range(rounds - 1):
+        u, g = sampled(*parabola(u, g, _top(g)))
     points = np.arange(u.shape[1])
     best = _top(g)
     time, value = u[best, points], g[best, points]

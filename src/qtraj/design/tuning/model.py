@@ -21,7 +21,7 @@ from qtraj.design.tuning.zone_model import expand_in_zone
 LOOSE = -0.7
 """Below this value, a constraint is expressed by ½((value/limit)² − 1).
 
-The logarithm would overestimate the change of a quantity near zero.
+The logarithm would overestimate the change of a quantity near zero. The constraint of an obstacle is no logarithm.
 """
 
 CLOSE = 0.02
@@ -69,6 +69,8 @@ def build(searches: Searches, z: Float[np.ndarray, "n batch"], peaks: Peaks) -> 
             at = peaks.owner[own], peaks.time[own], peaks.value[own], peaks.fixed[own]
             owner, rank = peaks.owner[own], peaks.rank[own]
             g, gradient, hessian = _expanded(curves, name, *at)
+            if not searches.is_clearance[k]:
+                g, gradient, hessian = _loosened(g, gradient, hessian)
             value[rank, owner], slopes[rank, :, owner] = g, gradient.T
             curvatures[rank, :, :, owner] = np.moveaxis(hessian, 2, 0)
         own = np.flatnonzero((peaks.limit == k) & ~bends)
@@ -123,7 +125,7 @@ def _expanded(
     # Correct the slope for the distance between the time of the exact peak and the time that the search found.
     gradient = g.gradient[:n] + drift * rate
     hessian = g.hessian[:n, :n] + drift[:, None] * mixed
-    return _loosened(value, gradient, hessian)
+    return value, gradient, hessian
 
 
 def _loosened(

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from qtraj.design.tuning import rescaling
+from qtraj.design.tuning.both_sides import starts_around
 from qtraj.design.tuning.constraints import ABSENT
 from qtraj.design.tuning.model import build
 from qtraj.design.tuning.motions.motion import COMPONENTS
@@ -93,7 +94,10 @@ def solve(
         index = np.flatnonzero(posed) if posed.any() else np.arange(1)  # one gives the shapes
         some = solve(method, searches.take(index), starts, max_steps if posed.any() else 0, report)
         return some.among(index, count)
-    points = np.tile(starting_points(searches.problem.names, starts), (count, 1)).T
+    around = starts_around(searches)
+    usual = np.repeat(starting_points(searches.problem.names, starts).T[:, :, None], count, axis=2)
+    points = np.concatenate([usual, around], axis=1).swapaxes(1, 2).reshape(len(usual), -1)
+    starts += around.shape[1]
     many = searches if starts == 1 else searches.take(np.repeat(np.arange(count), starts))
     ends = _search(method, many, points, report, "searches")
     if method.refined_by is None:

@@ -6,7 +6,17 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from qtraj.design.tuning.constraints import ABSENT
-from qtraj.design.tuning.maxima import GRID, NARROW, NODES, OFFSETS, RELEVANT, highest, refined, sharp
+from qtraj.design.tuning.maxima import (
+    GRID,
+    NARROW,
+    NODES,
+    OFFSETS,
+    RELEVANT,
+    RELEVANT_CLEARANCE,
+    highest,
+    refined,
+    sharp,
+)
 from qtraj.design.tuning.searches import Curves, Searches
 from qtraj.design.tuning.travelled import Travelled
 from qtraj.design.tuning.zone_peaks import zone_peaks
@@ -16,6 +26,9 @@ EQUAL = 1e-6
 
 MAX_PEAKS = 16
 """Maximum number of peaks and fixed times of a search in its subproblem, starting with the highest."""
+
+CORNER = 5
+"""Number of parabolas by which the peak of a constraint on walls is refined, which is narrow at a corner."""
 
 FIXED = slice(0, NODES, 8)
 """The nodes at which a constraint with a constant time predicts new peaks after a step."""
@@ -42,16 +55,19 @@ class Peaks(NamedTuple):
 
 def find_peaks(searches: Searches, curves: Curves) -> tuple[Peaks, Float[np.ndarray, " batch"]]:
     """Return the relevant peaks of a batch of searches, and the largest constraint value of each search."""
-    names, order = tuple(searches.limits), searches.order
+    names, order, clear = tuple(searches.limits), searches.order, searches.is_clearance
     rows = [np.broadcast_to(g, (NODES, searches.count)) for g in curves.values(names, GRID[:, None], order)]
     largest = np.full(searches.count, ABSENT)
     for g in rows:
         largest = np.maximum(largest, g.max(axis=0))
     found = []
     for k, (name, g) in enumerate(zip(names, rows, strict=True)):
+        # A small obstacle may be between two nodes, and the peak at a corner of walls is narrow.
+        least, rounds = (-np.inf, CORNER if searches.by_walls(name) else 1) if clear[k] else (RELEVANT, 1)
+        places = (highest(g, GRID, least), OFFSETS), (sharp(name, curves, searches.count), NARROW)
         tops = [
-            (candidates.owner, *refined(name, curves.at(candidates.owner), candidates, offsets))
-            for candidates, offsets in ((highest(g, GRID), OFFSETS), (sharp(name, curves, searches.count), NARROW))
+            (candidates.owner, *refined(name, curves.at(candidates.owner), candidates, offsets, rounds))
+            for candidates, offsets in places
             if candidates.owner.size
         ]
         if tops:
@@ -67,7 +83,8 @@ def find_peaks(searches: Searches, curves: Curves) -> tuple[Peaks, Float[np.ndar
         largest = np.maximum(largest, own)
         found += [(part.owner, k, part.time, part.value, part.fixed, part.edge) for part in parts]
     columns = zip(*(np.broadcast_arrays(*x) for x in found), strict=True)
-    return _ranked(*(np.concatenate(x) for x in columns)), largest
+    least = np.where(clear, RELEVANT_CLEARANCE, RELEVANT)
+    return _ranked(least, *(np.concatenate(x) for x in columns)), largest
 
 
 def largest_values(searches: Searches, z: Float[np.ndarray, "n batch"]) -> Float[np.ndarray, "limits batch"]:
@@ -101,9 +118,14 @@ def _at_fixed_times(g: np.ndarray, largest: np.ndarray) -> tuple[np.ndarray, np.
     return owner, GRID[FIXED][node], own[node, owner]
 
 
-def _ranked(owner: np.ndarray, limit: np.ndarray, time: np.ndarray, value: np.ndarray, *marks: np.ndarray) -> Peaks:
-    """Return the relevant peaks in descending order of each search, without those beyond the maximum number."""
-    order = np.flatnonzero(value > RELEVANT)
+def _ranked(
+    least: np.ndarray, owner: np.ndarray, limit: np.ndarray, time: np.ndarray, value: np.ndarray, *marks: np.ndarray
+) -> Peaks:
+    """Return the relevant peaks in descending order of each search, without those beyond the maximum number.
+
+    `least` is the smallest relevant value of each limit.
+    """
+    order = np.flatnonzero(value > least[limit])
     order = order[np.lexsort((-value[order], owner[order]))]
     owner = owner[order]
     first = np.flatnonzero(np.concatenate([[True], owner[1:] != owner[:-1]])[: owner.size])

@@ -14,6 +14,7 @@ from jaxtyping import Float
 
 from qtraj.algebra.jets import exp, replaced
 from qtraj.design.tuning import ends
+from qtraj.design.tuning.clearances import Clearances
 from qtraj.design.tuning.motions.motion import HEADINGS, AbstractMotion, Velocities
 from qtraj.design.tuning.objectives.nearest import Nearest
 from qtraj.design.tuning.objectives.objective import AbstractObjective
@@ -56,6 +57,8 @@ class Formulas:
     heading_fixed: Any
     vertical: Any
     road: Any
+    placement: Any
+    clearances: Clearances | None
     motion: AbstractMotion
     objective: AbstractObjective
 
@@ -147,6 +150,7 @@ class Problem(Formulas, eqx.Module):
     motion: AbstractMotion
     objective: AbstractObjective
     road: RoadParameters | None = None  # of the vehicle, if a limit needs one
+    clearances: Clearances | None = eqx.field(static=True, default=None)  # of the body from obstacles
 
     def path(self, z: Variables) -> SpiralHelix:
         """Return the path for the variables `z`; a batch of paths for a batch."""
@@ -209,6 +213,7 @@ def pose(
     weights: Float[Any, " 7"] | None = None,
     fixed: Sequence[str] = (),
     road: RoadParameters | None = None,
+    clearances: Clearances | None = None,
 ) -> Problem:
     """Return the tuning problem between two states, or a batch of them, for arguments that passed `require_choices`.
 
@@ -250,5 +255,6 @@ def pose(
         motion=motion,
         objective=objective,
         road=None if road is None else road.each(lambda x: xp.broadcast_to(x, batch)),
+        clearances=clearances,
     )
     return dataclasses.replace(problem, scale=objective.scale(problem))

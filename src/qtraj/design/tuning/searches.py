@@ -15,6 +15,7 @@ from qtraj.design.tuning import constraints
 from qtraj.design.tuning.constraints import Place, Units
 from qtraj.design.tuning.problem import Formulas, Problem, plain
 from qtraj.design.tuning.zones import Zone
+from qtraj.path.clearance_quantity import names_obstacle
 
 Batch = Float[np.ndarray, " batch"]
 Points = Float[np.ndarray, "*batch points"]
@@ -47,6 +48,15 @@ class Searches:
         """The number of searches."""
         return self.weight.size
 
+    @cached_property
+    def is_clearance(self) -> np.ndarray:
+        """Whether each constraint, also those of zones, is about an obstacle."""
+        return np.array([names_obstacle(name) for name in self.limits] + [False] * len(self.zones))
+
+    def by_walls(self, name: str) -> bool:
+        """Whether a constraint about an obstacle is about walls."""
+        return self.formulas.clearances.by_name[name].obstacle.occupied_length  # type: ignore[union-attr]
+
     @property
     def order(self) -> int:
         """The highest order of derivatives in the limits."""
@@ -75,6 +85,8 @@ def taken(units: Units, index: Int[np.ndarray, " points"]) -> Units:
         None if road is None else road.each(lambda x: x[index]),
         tuple([c[index] for c in cubic] for cubic in units.reference),  # type: ignore[arg-type]
         {name: limit[index] for name, limit in units.limits.items()},
+        units.clearances,
+        None if units.axes is None else tuple(x[index] for x in units.axes),
     )
 
 

@@ -184,7 +184,7 @@ def _advance(searches: Searches, s: State, model: Model, multipliers: np.ndarray
     peaks = trial.peaks
     if failed.size:
         few, own, old = searches.take(failed), s.take(failed), model.take(failed)
-        at = corresponding(old, peaks_of(trial.peaks, failed, s.done.size))
+        at = corresponding(few, old, peaks_of(trial.peaks, failed, s.done.size))
         shifted = at - np.einsum("kib,ib->kb", old.slopes, step.d[:, failed])
         second = compute_step(
             few, own.z, old, multipliers[:, failed], own.penalty, own.radius, own.size, ~own.rejected, shifted

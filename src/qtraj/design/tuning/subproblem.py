@@ -165,7 +165,7 @@ def _flipped(matrix: np.ndarray, size: np.ndarray) -> np.ndarray:
     return np.moveaxis((vectors * values[:, None]) @ np.swapaxes(vectors, 1, 2), 0, 2)
 
 
-def corresponding(model: Model, peaks: Peaks) -> Float[np.ndarray, "k batch"]:
+def corresponding(searches: Searches, model: Model, peaks: Peaks) -> Float[np.ndarray, "k batch"]:
     """Return the values of the peaks of other paths that correspond to the constraints of a model."""
     rows, count = model.value.shape
     distance, result = np.full((rows, count), SAME), np.array(model.value)
@@ -175,7 +175,7 @@ def corresponding(model: Model, peaks: Peaks) -> Float[np.ndarray, "k batch"]:
         apart = np.abs(model.time[:, owner] - peaks.time[own])
         same = (model.limit[:, owner] == peaks.limit[own]) & (model.fixed[:, owner] == peaks.fixed[own])
         nearer = same & (apart < distance[:, owner])
-        loose = model.value[:, owner] < LOOSE
+        loose = (model.value[:, owner] < LOOSE) & ~searches.is_clearance[peaks.limit[own]]
         form = np.where(loose, 0.5 * (np.exp(2 * np.minimum(value, 10.0)) - 1), value)
         distance[:, owner] = np.where(nearer, apart, distance[:, owner])
         result[:, owner] = np.where(nearer, form, result[:, owner])

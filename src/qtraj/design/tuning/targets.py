@@ -1,6 +1,6 @@
 """The limits of a search: in reduced units, divided by the vehicle's factors, and tightened."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import jax.numpy as jnp
@@ -11,6 +11,7 @@ from qtraj.design.divisors import divisors, reduced as reduced_limits
 from qtraj.design.limits import Limits
 from qtraj.foundation.arrays import concrete
 from qtraj.foundation.namespace import namespace
+from qtraj.path.clearance_quantity import names_obstacle
 from qtraj.path.quantity import CORRIDOR, quantity
 from qtraj.path.road_parameters import NO_VEHICLE
 from qtraj.path.vehicle import Vehicle
@@ -27,8 +28,10 @@ def named_limits(limits: Limits, corridor: Any = None) -> dict[str, Any]:
     return limits.constant() | ({} if corridor is None else {CORRIDOR.name: corridor})
 
 
-def search_limits(limits: Limits, corridor: Any, count: int) -> dict[str, Any]:
+def search_limits(limits: Limits, corridor: Any, count: int, clearances: Iterable[str] = ()) -> dict[str, Any]:
     """Return the limits (count,) of each of `count` problems, by name, as a search uses them.
+
+    The names in `clearances` are those of constraints about obstacles.
 
     The names are sorted, because JAX sorts them, too. The results are NumPy arrays if the limits have concrete values.
     """
@@ -36,7 +39,8 @@ def search_limits(limits: Limits, corridor: Any, count: int) -> dict[str, Any]:
     known = all(concrete(x) is not None for x in reduced.values())
     xp: Any = np if known else jnp
     values = {name: xp.asarray(x, float) for name, x in sorted(reduced.items())}
-    return {name: xp.broadcast_to(target(name, values), (count,)) for name in values}
+    found = {name: target(name, values) for name in values} | dict.fromkeys(clearances, 0.0)
+    return {name: xp.broadcast_to(found[name], (count,)) for name in sorted(found)}
 
 
 def target(name: str, limits: Mapping[str, Any]) -> Any:
@@ -49,9 +53,11 @@ def target(name: str, limits: Mapping[str, Any]) -> Any:
 
 
 def given(limits: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the limits from which `target` computes these limits of a search."""
+    """Return the limits from which `target` computes these limits of a search; obstacles have none."""
     found = {}
     for name, limit in limits.items():
+        if names_obstacle(name):
+            continue
         entry = quantity(name)
         if entry.bounds_side:
             found[name] = one_sided.stricter(name, limits, TARGET_RATIO - 1)

@@ -13,11 +13,13 @@ import numpy as np
 from jax.core import Tracer
 
 from qtraj.design.limits import Limits
+from qtraj.design.obstacles.keep_out import checked as checked_obstacles
 from qtraj.design.tuning import multistart, traced
 from qtraj.design.tuning.advisor import Advisor
 from qtraj.design.tuning.assembly import make_outcome
 from qtraj.design.tuning.box import Bounds, box, change_weights, require_names
 from qtraj.design.tuning.checks import fault_codes, require_choices, require_well_posed
+from qtraj.design.tuning.clearances import Clearances, clearances_of
 from qtraj.design.tuning.methods import Method, get_method
 from qtraj.design.tuning.motions.motion import AbstractMotion
 from qtraj.design.tuning.motions.registry import get_motion
@@ -95,6 +97,10 @@ def tune(
     being tuned. `Regions` become limits along the initial path; if the tuned path violates them, they become limits
     along this path, and the path is tuned again.
 
+    Obstacles in `limits.keep_out` are avoided by the whole `body`. Further searches start on both sides of the three
+    obstacles nearest to the initial path: outside and inside, above and below. Obstacles may move; all problems of a
+    batch have the same ones.
+
     `corridor` [m] limits the distance from the initial path at equal fractions of the two durations, with the
     difference of the azimuths measured along the arc (an upper bound on the straight-line distance). The corridor is an
     additional limit, the last one in the certificate.
@@ -129,9 +135,10 @@ def tune(
 
     **Precision**: float32 states are converted, the search and the proof use float64, and the path is in float64.
 
-    **Raises:** ValueError for contradictory arguments, for a single ill-posed problem, or for float32 inside `jit`,
-    `grad` or `vmap`. A problem without a solution is not an error: its `status` is "infeasible", and its `result`
-    contains the reason and advice. With `throw`, RuntimeError if the status of any problem is not "converged".
+    **Raises:** ValueError for contradictory arguments, for a single ill-posed problem, for float32 inside `jit`, `grad`
+    or `vmap`, or for traced obstacles. A problem without a solution is not an error: its `status` is "infeasible", and
+    its `result` contains the reason and advice. With `throw`, RuntimeError if the status of any problem is not
+    "converged".
     """
     start, end, limits, placement = in_float64((start, end, limits, placement))
     objective, motion = get_objective(objective, nearest_to), get_motion(motion)
@@ -150,8 +157,9 @@ def tune(
     _require_batch((duration, turn, axis, bounds_of, road, limits.constant(), corridor), batch)
     limits.require_batch(batch, "the states")
 
+    clearances = clearances_of(checked_obstacles(limits))
     data = (start, end, limits, duration, axis, turn, weight_array, road, corridor, bounds_of)
-    choices: Any = {"motion": motion, "turns": turns, "fixed": tuple(fixed)}
+    choices: Any = {"motion": motion, "turns": turns, "fixed": tuple(fixed), "clearances": clearances}
     with np.errstate(all="ignore"), broadcasting():  # ill-posed problems are reported below
         # Outside jit, the derivatives of separate operations would be compiled one by one.
         compiled = objective.is_formula and is_traced(start, end, duration, axis, turn)
@@ -211,10 +219,12 @@ def _tasks(
     motion: AbstractMotion,
     turns: int,
     fixed: tuple[str, ...],
+    clearances: Clearances | None,
 ) -> Task:
     """Return the problems of a batch of states with their limits and bounds."""
-    problem = pose(start, end, objective, motion, duration, turns, axis, turn, weights, fixed, road)
-    return Task(problem, search_limits(limits, corridor, len(start.position)), *box(problem, fixed, bounds))
+    problem = pose(start, end, objective, motion, duration, turns, axis, turn, weights, fixed, road, clearances)
+    names = () if clearances is None else clearances.by_name
+    return Task(problem, search_limits(limits, corridor, len(start.position), names), *box(problem, fixed, bounds))
 
 
 _compiled_tasks = eqx.filter_jit(_tasks)

@@ -8,6 +8,7 @@ from numpy.polynomial import polynomial
 
 from qtraj.design.proof.certificate import Finding
 from qtraj.foundation.outcome import ILL_POSED, ResultCode
+from qtraj.path.clearance_quantity import names_obstacle
 
 RADIUS_SAMPLES = 257
 """Number of equally spaced instants at which the sign of the radius is checked."""
@@ -41,7 +42,7 @@ def converged(findings: Sequence[Finding], steps: int) -> str:
         "satisfied, but some limits were only checked on a fine grid and are not proved",
     )
     lines = [f"converged in {_counted(steps)}: every limit is {proved if all_proved else sampled}."]
-    active = [f"{finding.name} is active: {finding.text}." for finding in findings if finding.active]
+    active = [_active(finding) for finding in findings if finding.active]
     return " ".join([*lines, *(active or ["No limit is active: the path is also an optimum without limits."])])
 
 
@@ -54,11 +55,23 @@ def not_converged(findings: Sequence[Finding], steps: int) -> str:
 
 def infeasible(findings: Sequence[Finding], steps: int) -> str:
     """Return the message for a tuning that found no path that satisfies the limits."""
-    unmet = "; ".join(f"{finding.name} is {finding.text}" for finding in findings if not finding.met)
+    unmet = "; ".join(_violated(finding) for finding in findings if not finding.met)
     return (
         "infeasible: no boundary velocities were found that satisfy the limits. Of all paths found, this path has "
         f"the smallest violation: {unmet}."
     )
+
+
+def _active(finding: Finding) -> str:
+    if names_obstacle(finding.name):
+        return f"The body touches {finding.name} at t = {finding.time:.4g} s."
+    return f"{finding.name} is active: {finding.text}."
+
+
+def _violated(finding: Finding) -> str:
+    if names_obstacle(finding.name) and finding.value < 0:
+        return f"the body enters {finding.name} by {-finding.value:.4g} m at t = {finding.time:.4g} s"
+    return f"{finding.name} is {finding.text}"
 
 
 def axis_warning(radius: Float[np.ndarray, " n"], duration: float) -> str:

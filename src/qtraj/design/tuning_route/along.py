@@ -34,11 +34,14 @@ def _typical(name: str, bound: Any) -> float:
     return float(side * np.min(side * known)) if known.size else side * 1.0
 
 
-def local_squares(route: Route, limits: Limits, curves: Curves, closed: bool) -> Float[np.ndarray, "limits fine n"]:
+def local_squares(
+    route: Route, limits: Limits, curves: Curves, closed: bool, obstacles: int = 0
+) -> Float[np.ndarray, "limits fine n"]:
     """Return the squares of the limits at the fine nodes of each curve.
 
     A step is the strictest one of the curve. The first node belongs to the previous curve, too; on a `closed` route,
-    the last curve is before the first one. Linear limits have their values, except on curves with a progress.
+    the last curve is before the first one. Linear limits have their values, except on curves with a progress. The last
+    rows are those of constraints on `obstacles`.
     """
     limits = limits.on(route)
     segments, on = segments_of(route), distances(route)
@@ -60,6 +63,7 @@ def local_squares(route: Route, limits: Limits, curves: Curves, closed: bool) ->
             exact = sign * _tangent(name, bound.at(at_nodes.ravel())).reshape(at_nodes.shape).T ** 2
             rows = np.where(curves.composed, rows, exact)
         found.append(np.abs(rows))
+    found += [np.ones(at_nodes.T.shape)] * obstacles
     return np.stack(found)
 
 

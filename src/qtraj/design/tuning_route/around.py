@@ -8,13 +8,11 @@ from typing import Any
 import numpy as np
 
 from qtraj.design.limits import Limits
-from qtraj.design.obstacles.body import POINT
+from qtraj.design.obstacles.clear import Clear
 from qtraj.design.obstacles.keep_out import clearances_at
 from qtraj.design.tuning_route import basis
-from qtraj.design.tuning_route.clear import Clear
 from qtraj.design.tuning_route.constraints import derivatives
 from qtraj.design.tuning_route.problem import RouteProblem, segments
-from qtraj.path.clearance_quantity import name_of_obstacle
 from qtraj.path.driving import Driving
 from qtraj.path.route import Route
 
@@ -25,24 +23,11 @@ SHIFTS = np.linspace(0.0, 1.0, 21)[1:]
 """Trial shifts of the route to one side, as fractions of the half-width of the tube."""
 
 
-def clears(limits: Limits) -> tuple[Clear, ...]:
-    """Return a constraint for each pair of an obstacle and a ball of the body."""
-    body = limits.body or POINT
-    balls = list(zip(np.asarray(body.offsets, float).tolist(), np.asarray(body.radii, float).tolist(), strict=True))
-    return tuple(
-        Clear(name_of_obstacle(k), obstacle, (offset[0], offset[1], offset[2]), radius)
-        for k, obstacle in enumerate(limits.keep_out or ())
-        for offset, radius in balls
-    )
-
-
 def require_possible(route: Route, limits: Limits, held: np.ndarray) -> None:
     """Raise a ValueError if the body is inside an obstacle at a fixed end, or for obstacles that are not supported."""
     obstacles = limits.keep_out or ()
     if any(x.moves for x in obstacles):
         raise ValueError("tune_route does not support obstacles that move: check the result with qtraj.certify")
-    if limits.varying and obstacles:
-        raise ValueError("tune_route does not support obstacles together with limits that change along the way")
     if limits.body is not None and limits.body.turns and np.any(np.asarray(Driving.along(route).signs) < 0):
         raise ValueError(
             "tune_route does not support a body with offsets on a route that reverses: use route.window(t0, t1) for "
@@ -76,7 +61,9 @@ def with_obstacles(problem: RouteProblem, starts: np.ndarray, own: tuple[Clear, 
         distance = np.asarray(x.obstacle.distance(points, np.zeros(points.shape[:-1]))).min(axis=0)
         reach = x.radius + float(np.linalg.norm(x.offset)) + width + chord
         used[len(problem.names) - len(own) + k][:, distance > reach] = False
-    return problem._replace(used=used)
+    own_rows = used[len(problem.names) - len(own) : len(problem.names)].any(axis=1)
+    reached = own_rows | np.roll(own_rows, 1, axis=1) | np.roll(own_rows, -1, axis=1)
+    return problem._replace(used=used, reached=reached)
 
 
 def starts(problem: RouteProblem, own: tuple[Clear, ...]) -> list[np.ndarray]:

@@ -17,7 +17,6 @@ from jaxtyping import Float
 
 from qtraj.algebra.jets import coordinates, sqrt
 from qtraj.design.tuning_route import basis
-from qtraj.design.tuning_route.clear import Clear
 from qtraj.design.tuning_route.problem import RouteProblem, Segments, joined
 from qtraj.foundation.namespace import matmul, xp
 from qtraj.path.clearance_quantity import names_obstacle
@@ -84,21 +83,19 @@ def units(problem: RouteProblem, h: Float[Any, " n"], nodes: int) -> Float[Any, 
     return times[:, None] * squares ** (-0.5 * powers)[:, None, None]
 
 
-def ratios(names: tuple[str, ...], r: Any, road: Any = None, h: Any = None, clear: tuple[Clear, ...] = ()) -> list[Any]:
+def ratios(names: tuple[str, ...], r: Any, road: Any = None, h: Any = None) -> list[Any]:
     """Return the square in the constraint of each limit for the derivatives r', r'', … in the array or list `r`.
 
     The components of each derivative follow each other. They are arrays or jets. `road` contains the parameters of the
-    vehicle and its road, one after the other, if a limit depends on them, and `h` is the duration. With obstacles, to
-    which the last names belong, r is the first of the derivatives.
+    vehicle and its road, one after the other, if a limit depends on them, and `h` is the duration.
     """
     vehicle = None
     if road is not None:
         vehicle = RoadParameters(*road)
         vehicle = vehicle._replace(gravity=h * h * vehicle.gravity)
     rows = [(r[k], r[k + 1], r[k + 2]) for k in range(0, len(r), 3)]
-    position, derived = (rows[0], rows[1:]) if clear else (None, rows)
-    i, own = Invariants([None, *derived], None, vehicle, root=sqrt), names[: len(names) - len(clear)]
-    return [*(_ratio(quantity(name), i) for name in own), *(x.value(position, derived[0]) for x in clear)]
+    i = Invariants([None, *rows], None, vehicle, root=sqrt)
+    return [_ratio(quantity(name), i) for name in names]
 
 
 def _ratio(entry: PathQuantity, i: Invariants) -> Any:
@@ -169,8 +166,13 @@ def _values(problem: RouteProblem, s: Segments, fine: bool) -> Float[Any, "const
     r = derivatives(problem, s.ends, fine)
     if problem.dense:
         r = in_time(r, problem.fine_rates if fine else problem.rates, problem.first)
-    found = xp.stack(ratios(problem.names, r, road_at(problem, r.shape[1]), s.h[None], problem.clear))
-    return xp.concatenate([found * units(problem, s.h, r.shape[1]), inside])
+    names = problem.names[: len(problem.names) - len(problem.clear)]
+    found = ratios(names, r[3:] if problem.clear else r, road_at(problem, r.shape[1]), s.h[None])
+    for k, clear in enumerate(problem.clear):
+        own, on = np.zeros(r.shape[1:]), np.flatnonzero(problem.reached[k])
+        own[:, on] = clear.value(*(tuple(r[j : j + 3][..., on]) for j in (0, 3)))
+        found.append(own)
+    return xp.concatenate([xp.stack(found) * units(problem, s.h, r.shape[1]), inside])
 
 
 def bounds(problem: RouteProblem, s: Segments) -> Float[Any, "2 n"]:
@@ -231,7 +233,9 @@ def expand(
     mixed, twice = np.zeros(r.shape), np.zeros(at_nodes)
     power, own = time_powers(problem.names), problem.road is not None
     numbers = coordinates(np.concatenate([r, np.broadcast_to(s.h, (1, *at_nodes))]) if own else r)
-    found = ratios(problem.names, numbers[:q], road_at(problem, r.shape[1]), numbers[q] if own else None, problem.clear)
+    first = 3 if problem.clear else 0
+    names = problem.names[: len(problem.names) - len(problem.clear)]
+    found = ratios(names, numbers[first:q], road_at(problem, r.shape[1]), numbers[q] if own else None)
     for k, g in enumerate(found):
         w, stiff, growth = unit[k] * weights[k], stiffness[k], -power[k] / s.h
         value[k], slope[k], rate[k] = unit[k] * g.value, unit[k] * g.gradient[:q], growth * unit[k] * g.value
@@ -246,6 +250,14 @@ def expand(
         twice += stiff * rate[k] ** 2
         second += w * bent[:q, :q]
         second += (stiff * slope[k])[:, None] * slope[k]
+    for j, clear in enumerate(problem.clear):
+        k, on = len(names) + j, np.flatnonzero(problem.reached[j])
+        numbers = coordinates(r[:6][..., on])
+        g = clear.value(numbers[:3], numbers[3:])
+        value[k], slope[k], rate[k] = 0.0, 0.0, 0.0
+        value[k][:, on], slope[k][:6, :, on] = g.value, g.gradient
+        bent = weights[k][:, on] * g.hessian + (stiffness[k][:, on] * g.gradient)[:, None] * g.gradient
+        second[:6, :6, :, on] += bent
     if problem.dense:
         mixed = _in_parameter(mixed[None], None, problem.rates, problem.first)[0][0]
         slope, second = _in_parameter(slope, second, problem.rates, problem.first)

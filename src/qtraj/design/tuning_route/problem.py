@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from qtraj.design.obstacles.clear import Clear
 from qtraj.design.tuning_route import basis
-from qtraj.design.tuning_route.clear import Clear
 from qtraj.foundation.namespace import matmul, xp
 
 BLOCK = 10
@@ -35,7 +35,8 @@ class RouteProblem(NamedTuple):
     (limits,): the squares of the limits. `tube`, `fine_tube` (2, nodes, n) [m²]: the squares of the half-widths. `used`
     (limits + 2, nodes, n): whether a constraint is used. `shortest`, `longest` (n,) [s]: bounds on the durations.
     `clear` are the constraints of balls of the body and obstacles, to which the last `names` belong, and `origins`
-    (3, n) [m] the positions of the starts of the original segments; None without obstacles.
+    (3, n) [m] the positions of the starts of the original segments; `reached` (clear, n) marks the segments that may
+    come near an obstacle, and their neighbours, whose values count at common joints; None without obstacles.
     `local` (limits, fine, n): the squares of limits that change along the way, at the fine nodes; None if no limit
     changes. `road` (parameters, fine, n): the `RoadParameters` there; None if no limit depends on them.
     `target` (6, 3, n) [m]: the scaled end states of the path in the objective "nearest" minus `ends`; None without one.
@@ -80,6 +81,7 @@ class RouteProblem(NamedTuple):
     target: Any = None
     clear: tuple[Clear, ...] = ()
     origins: Any = None
+    reached: Any = None
 
     @property
     def first(self) -> int:
@@ -107,7 +109,7 @@ class RouteProblem(NamedTuple):
 OF_SEGMENTS = (
     *("ends", "durations", "moving", "offset", "fine_offset", "tube", "fine_tube", "used"),
     *("shortest", "longest", "near", "pace", "jerk", "time", "per_time", "composed", "rates", "fine_rates", "local"),
-    *("road", "target", "origins"),
+    *("road", "target", "origins", "reached"),
 )
 
 

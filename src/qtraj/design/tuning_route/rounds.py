@@ -205,7 +205,7 @@ def _solved(
         mu = float(np.clip(np.max(np.where(open_, above - 1, 0.0)), *AGAIN))
         factor = factor * np.where(open_, above, 1.0) ** -2
         if problem.local is not None:  # the distances have changed with the route
-            own = along.local_squares(judged.route, limits, given.curves, problem.seam is not None)
+            own = along.local_squares(judged.route, limits, given.curves, problem.seam is not None, len(problem.clear))
             problem = problem._replace(local=along.stricter(problem, own))
             program = RouteProgram(problem, price)
         if limits.along_road:

@@ -8,6 +8,7 @@ import numpy as np
 
 from qtraj.design.limit_checks import require_known_road
 from qtraj.design.limits import Limits, limits_of, require_limits
+from qtraj.design.obstacles.clear import clears
 from qtraj.design.obstacles.keep_out import checked, refuse_obstacles
 from qtraj.design.proof.certificate import UNDEFINED
 from qtraj.design.tuning_route import along, around, circuit, roads, rounds, target
@@ -187,7 +188,7 @@ def _solution(
     widths = half_widths(tube, joints, closed)[[own.start for own in rows]]
     every = fixed_states(fixed, joints, closed)
     held = np.stack([every[own].any(axis=0) for own in rows])
-    own, starts = around.clears(limits), given.states[:-1, 0] + np.asarray(route.origin)
+    own, starts = clears(limits.keep_out, limits.body), given.states[:-1, 0] + np.asarray(route.origin)
     around.require_possible(route, limits, held)
     names = (*names, *(x.name for x in own))
     bounds = along.typical(limits)
@@ -200,7 +201,7 @@ def _solution(
 
     problem = posed(bounds, held, objective, objective == "smoothest")
     if limits.varying:
-        problem = problem._replace(local=along.local_squares(route, limits, given.curves, closed))
+        problem = problem._replace(local=along.local_squares(route, limits, given.curves, closed, len(own)))
     if nearest_to is not None:
         problem = problem._replace(target=target.offset(route, given, problem.moving, nearest_to))
     found = _unchanged(route, given, limits, widths, problem)
