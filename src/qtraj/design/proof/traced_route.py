@@ -45,7 +45,7 @@ def certify_traced(route: Route, limits: Limits, certify: Certify) -> RouteCerti
         raise ValueError("inside jit, grad and vmap, certify needs a vehicle with concrete values for a route")
     names, vehicle = tuple(given), limits.vehicle
     bounds = jnp.stack([jnp.asarray(given[name], float) for name in names]) if names else jnp.zeros(0)
-    road = RoadParameters(*map(jnp.asarray, limits.road(float))) if limits.uses_vehicle else None
+    road = limits.road(float).each(jnp.asarray) if limits.uses_vehicle else None
 
     def proved(route: Route, bounds: Any) -> RouteCertificate:
         return certify(route, limits_of(dict(zip(names, np.asarray(bounds).tolist(), strict=True)), vehicle))

@@ -200,6 +200,8 @@ def _with_data(problem: RouteProblem, data: Data, s: Structure, length: Array) -
     if s.kind == "nearest":
         near, pace = geometry.nearest(fields["ends"], durations, problem.moving, length)
         fields |= {"near": near, "pace": pace}
+    if s.padded and problem.road is not None:
+        fields["road"] = jnp.where(own.real, problem.road, problem.road[..., :1])
     return problem._replace(**fields)
 
 

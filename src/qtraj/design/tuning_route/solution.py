@@ -32,13 +32,23 @@ class Structure:
     """What must be known about a problem inside `jit`: no values of arrays, but which of them belong together.
 
     `curves` are those of the route. If the number of segments is unknown (`padded`), each row of the route, padding
-    included, is a curve. Structures are compared by their values.
+    included, is a curve. `parameters` is the number of parameters of the vehicle and its road on which a limit depends.
+    Structures are compared by their values.
     """
 
-    def __init__(self, names: tuple[str, ...], kind: str, curves: Curves, closed: bool, padded: bool = False):
+    def __init__(
+        self,
+        names: tuple[str, ...],
+        kind: str,
+        curves: Curves,
+        closed: bool,
+        parameters: int = 0,
+        padded: bool = False,
+    ):
         """Store the names of the limits, the objective, the curves, and whether the route is closed."""
         self.names, self.kind, self.curves, self.closed, self.padded = names, kind, curves, closed, padded
-        self._key = (names, kind, closed, padded, *((x.shape, x.dtype.str, x.tobytes()) for x in curves))
+        self.parameters = parameters
+        self._key = (names, kind, closed, parameters, padded, *((x.shape, x.dtype.str, x.tobytes()) for x in curves))
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Structure) and self._key == other._key

@@ -70,14 +70,15 @@ class Refined(NamedTuple):
     done: Any
 
 
-def structure(route: Route, names: tuple[str, ...], kind: str, closed: bool) -> Structure:
-    """Return the structure of the problem of a route, which may be traced.
+def structure(route: Route, limits: Limits, names: tuple[str, ...], kind: str, closed: bool) -> Structure:
+    """Return the structure of the problem of a route with limits, both of which may be traced.
 
     **Raises:** ValueError for a route with stops of `fit_route`, or a closed route, whose structure is unknown.
     """
     known = constants(route)
+    parameters = len(limits.road(float).numbers) if limits.uses_vehicle else 0
     if not is_traced(known):
-        return Structure(names, kind, curves_of(segments_of(known)), closed)
+        return Structure(names, kind, curves_of(segments_of(known)), closed, parameters)
     if route.progress is not None:
         raise ValueError(
             "inside jit and vmap, tune_route cannot change the route next to stops of fit_route, because its curves "
@@ -90,7 +91,8 @@ def structure(route: Route, names: tuple[str, ...], kind: str, closed: bool) -> 
             "from concrete times of its joints"
         )
     every = np.arange(known.starts.shape[-1] if starts is None else int(np.isfinite(starts).sum()))
-    return Structure(names, kind, Curves(every, every, np.zeros(every.size, bool), every), closed, starts is None)
+    curves = Curves(every, every, np.zeros(every.size, bool), every)
+    return Structure(names, kind, curves, closed, parameters, starts is None)
 
 
 def solved(s: Structure, data: Data, origin: Any, vehicle: Any, solve: Solve) -> Solution:
@@ -207,7 +209,11 @@ def _fields(s: Structure) -> dict[str, tuple[tuple[int, ...], Any]]:
     shapes |= {"squares": ((limits,), float), "unit": ((), float), "scale": ((BLOCK,), float)}
     shapes |= {"tube": ((2, nodes, n), float), "used": ((limits + 2, nodes, n), bool)}
     shapes |= {"free": ((n + 1, BLOCK), bool), "axes": ((n + 1, 3, 3), float)}
-    return shapes | ({} if s.composed is None else {"rates": ((3, nodes, n), float)})
+    if s.composed is not None:
+        shapes["rates"] = (3, nodes, n), float
+    if s.parameters:
+        shapes["road"] = (s.parameters, len(basis.FINE_NODES), n), float
+    return shapes
 
 
 def _like(shape: tuple[int, ...], kind: Any = float) -> Any:

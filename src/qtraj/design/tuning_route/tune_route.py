@@ -161,7 +161,8 @@ def tune_route(
     if is_traced(route, limits, tube):
         require_differentiable(limits, nearest_to)
         refuse_obstacles(limits, "tune_route inside jit, vmap, grad or jvp", "call it outside")
-        result = differentiable(route, limits, tube, structure(route, names, objective, closed), solve)
+        own = structure(route, limits, names, objective, closed)
+        result = differentiable(route, limits, tube, own, solve)
     else:
         result = solve(route, limits, tube).result
     return result.check() if throw else result
