@@ -160,7 +160,10 @@ def test_the_derivative_with_respect_to_the_limit_is_that_of_finite_differences(
 def test_derivatives_that_do_not_exist_are_refused():
     route, road = drive(4), qt.Road([0.0, 9.0], friction=[0.5, 0.4])
     for change, match in (
-        (lambda x: qt.Limits(friction=x, vehicle=qt.Vehicle(1e3, road=road)), "a road that changes along the way inside jit"),
+        (
+            lambda x: qt.Limits(friction=x, vehicle=qt.Vehicle(1e3, road=road)),
+            "a road that changes along the way inside jit",
+        ),
         (lambda x: qt.Limits(friction=0.5, vehicle=qt.Vehicle(1e3, friction=x)), "with respect to the vehicle"),
     ):
         with pytest.raises(ValueError, match=match):
