@@ -12,7 +12,7 @@ CURVATURE = qt.Quantity("own_curvature", "1/m", lambda p: p.velocity.cross(p.acc
 LATERAL = qt.Quantity("own_lateral", "m/s^2", lambda p: p.velocity.cross(p.acceleration).norm() / p.speed)
 LONGITUDINAL = qt.Quantity("own_longitudinal", "m/s²", lambda p: p.velocity.dot(p.acceleration) / p.speed)
 CLIMB = qt.Quantity("climb_rate", "m/s", lambda p: p.velocity[2])
-HEIGHT = qt.Quantity("height", "m", lambda p: p.position[2])
+HEIGHT = qt.Quantity("altitude", "m", lambda p: p.position[2])
 SINE = qt.Quantity("heading_sine", "1", lambda p: jnp.sin(p.velocity[0] / p.speed))
 
 

@@ -82,13 +82,13 @@ class Instants:
 
     def path_quantity(self, entry: PathQuantity) -> Array:
         """Return the values of a path quantity."""
-        if entry.own is not None and entry.own.world:
+        if entry.in_world:
             return entry.value(self._in_world)
         return entry.scale(self._road) * entry.value(self._driven if entry.gravity else self._with_vehicle)
 
     @cached_property
     def _in_world(self) -> Invariants:
-        """The invariants of derivatives in world axes, for quantities of one's own."""
+        """The invariants of derivatives in world axes, for quantities that contain components or the position."""
         return Invariants([self.derivative(k) for k in range(ORDER + 1)], None, self._road, root)
 
     @cached_property

@@ -38,7 +38,8 @@ class Invariants:
         root: Callable[[Any], Any] = safe_root,
         pace: Any = 1,
     ):
-        """Store the derivatives; `derivatives[k]` is the k-th derivative of the path, k ≥ 1.
+        """Store the derivatives; `derivatives[k]` is the k-th derivative of the path, k ≥ 1; `derivatives[0]` is the
+        position, or None if no formula contains it.
 
         `up` is the vertical, by default the third axis. `vehicle` contains the `RoadParameters` for quantities that
         need them, and `root` computes the square root of a number. If `derivatives[1]` has only the direction of the
@@ -129,6 +130,11 @@ class Invariants:
     def D(self) -> Any:
         """The scalar product c·r'''', with c = r'×r''; it is the derivative of T = c·r'''."""
         return dot(self.c, self.r[4])
+
+    @cached_property
+    def Z(self) -> Any:
+        """The height, the vertical component of the position."""
+        return self.vertical(self.r[0])
 
     @cached_property
     def V(self) -> Any:

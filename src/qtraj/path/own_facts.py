@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any
@@ -34,8 +35,7 @@ class OwnFacts:
 
     `formula` is None for a function that is not a formula, which is only sampled. `in_si` means that the function
     contains numbers with a unit, so that it is computed in SI units. `world` means that it contains world components x
-    or y, or the position, which are polynomials only on paths in world axes; `position` that it contains the position.
-    `shape` means that it does not depend on the timing. `stop` is how it is proved next to a stop, "path", "direction",
+    or y, or more of the position than its height, which are polynomials only on paths in world axes. `shape` means that it does not depend on the timing. `stop` is how it is proved next to a stop, "path", "direction",
     "component" or "shape" (see `design.proof.route_segments`). The quantity exists where all `guards` are satisfied.
     `zero_at_rest` means that it tends to zero if all derivatives of the path are multiplied by a factor that does.
     """
@@ -43,7 +43,6 @@ class OwnFacts:
     formula: Product | None = field(compare=False)
     in_si: bool = True
     world: bool = True
-    position: bool = True
     shape: bool = False
     stop: str = "path"
     guards: tuple[Guard, ...] = ()
@@ -52,8 +51,13 @@ class OwnFacts:
 
 def vectors_of(formula: Product) -> set[Basic]:
     """Return the derivatives and cross products in a formula."""
+    return vectors_in(formula.factors())
+
+
+def vectors_in(factors: Iterable[Factor]) -> set[Basic]:
+    """Return the derivatives and cross products in factors."""
     found: set[Basic] = set()
-    rest = [v for f in formula.factors() for v in f.vectors]
+    rest = [v for f in factors for v in f.vectors]
     while rest:
         basic = rest.pop()
         found.add(basic)
@@ -69,6 +73,12 @@ def order_of(formula: Product) -> int:
 def axes_of(formula: Product) -> set[int]:
     """Return the world axes on which a formula depends."""
     return {2 if f.kind == "level" else f.parts[1] for f in formula.factors() if f.kind in ("component", "level")}
+
+
+def only_height(formula: Product) -> bool:
+    """Return whether a formula contains nothing of the position but its vertical component."""
+    height = Factor("component", (POSITION, 2))
+    return not any(POSITION in vectors_in([f]) for f in formula.factors() if f != height)
 
 
 def is_shape(formula: Product) -> bool:

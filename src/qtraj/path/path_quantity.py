@@ -66,8 +66,9 @@ class PathQuantity:
     Proofs and searches use the ratio and the tangents of limits; `squared` and `value` are those of the angle.
 
     `component` describes the signed value, if the quantity is its magnitude. A side of a limit (see `sides`) has the
-    name of the limited quantity in `base`; if `lower` is set, the limit is a lower bound. `own` contains the
-    `own_facts.OwnFacts` of a quantity that is defined by a user's function.
+    name of the limited quantity in `base`; if `lower` is set, the limit is a lower bound. `position` indicates formulas
+    that contain the position, whose derivative of order 0 is `Invariants.r[0]`. `own` contains the `own_facts.OwnFacts`
+    of a quantity that is defined by a user's function.
     """
 
     name: str
@@ -93,6 +94,7 @@ class PathQuantity:
     lower: bool = False
     gravity: bool = False
     tangent_of: int = 0
+    position: bool = False
     own: Any = None
 
     @property
@@ -139,6 +141,16 @@ class PathQuantity:
     def uses_vehicle(self) -> bool:
         """Whether the value depends on a vehicle if there is one; a quantity that `needs` one is undefined without."""
         return bool(self.needs) or self.gravity
+
+    @property
+    def in_world(self) -> bool:
+        """Whether the quantity is evaluated from derivatives in world axes, with the position."""
+        return self.position or (self.own is not None and self.own.world)
+
+    @property
+    def of_position(self) -> bool:
+        """Whether the quantity depends on the position alone, as the height does."""
+        return self.position and self.order == 0
 
     @property
     def of_shape(self) -> bool:

@@ -77,15 +77,11 @@ def _invariants_of(
     order = max(entry.order, 1)
     if entry.gravity:
         return invariants_at(path, t, order, NO_VEHICLE if vehicle is None else vehicle)
-    if _in_world(entry):
+    if entry.in_world:
         return Invariants(_derivatives(path, t, order, world=True)[0], None, vehicle)
     found = invariants_at(path, t, order)
     found.vehicle = vehicle
     return found
-
-
-def _in_world(entry: PathQuantity) -> bool:
-    return entry.own is not None and entry.own.world
 
 
 def values(
@@ -104,9 +100,9 @@ def _values(path: AbstractHodograph, t: Any, names: tuple[str, ...], vehicle: An
     free = Invariants(rows, up, vehicle)
     driven = _driven(path, t, rows, up, span, vehicle) if on_road else free
     world = free
-    if any(map(_in_world, entries)):
+    if any(entry.in_world for entry in entries):
         world = Invariants(_derivatives(path, t, order, world=True)[0], None, vehicle)
-    of = lambda x: driven if x.gravity else world if _in_world(x) else free  # noqa: E731
+    of = lambda x: driven if x.gravity else world if x.in_world else free  # noqa: E731
     found = [entry.scale(vehicle) * entry.value(of(entry)) for entry in entries]
     return [xp.asarray(x, path.duration.dtype) for x in found]
 

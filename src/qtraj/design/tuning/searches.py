@@ -75,6 +75,7 @@ def taken(units: Units, index: Int[np.ndarray, " points"]) -> Units:
         None if road is None else type(road)(*(x[index] for x in road)),
         tuple([c[index] for c in cubic] for cubic in units.reference),  # type: ignore[arg-type]
         {name: limit[index] for name, limit in units.limits.items()},
+        None if units.base is None else units.base[index],
     )
 
 

@@ -6,11 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from qtraj.design.along import Variable
 from qtraj.design.bound import numbers
 from qtraj.design.ellipse import OfSpeed
 from qtraj.design.limits import Limits, require_limits
 from qtraj.design.own_limits import require_reduced
 from qtraj.design.proof.certificate import require_float64
+from qtraj.design.tuning_route.constraints import is_shifted
 from qtraj.foundation.argument import described
 from qtraj.foundation.arrays import concrete, is_traced
 from qtraj.path.quantity import bound_speed, quantity
@@ -43,6 +45,8 @@ def limited(limits: Limits, objective: str) -> tuple[str, ...]:
             )
     require_suitable(tuple(bounds), objective)
     for name, bound in bounds.items():
+        if is_shifted(name) and not isinstance(bound, Variable):
+            continue
         known = concrete(numbers(bound))
         if quantity(name).bounds_side and known is not None and not (quantity(name).side * known > 0).all():
             raise ValueError(

@@ -2,7 +2,7 @@
 
 The constraint for a limit is (value/limit)² ≤ margin. The margin (at most 1) accounts for larger values between the
 nodes. For a limit on one side of a signed value, it is value/limit ≤ margin, and for a lower bound on a quantity that
-is never negative (limit/value)² ≤ margin. The tube bounds the horizontal and the vertical distance from the original
+is never negative (limit/value)² ≤ margin. A limit on the height need not allow zero: it is shifted (see `one_sided`). The tube bounds the horizontal and the vertical distance from the original
 path at equal fractions of a segment.
 
 The limits are formulas of r', r'' and r''', the derivatives of the path with respect to u = t/h. The square of a
@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from qtraj.algebra.jets import coordinates, sqrt
+from qtraj.design.one_sided import scale_and_shift
 from qtraj.design.tuning_route import basis
 from qtraj.design.tuning_route.clear import Clear
 from qtraj.design.tuning_route.problem import RouteProblem, Segments, joined
@@ -54,10 +55,30 @@ def tangents(names: tuple[str, ...], bounds: Float[Any, " limits"]) -> Float[Any
     return xp.stack([quantity(name).tangent(bounds[k]) for k, name in enumerate(names)])
 
 
+def is_shifted(name: str) -> bool:
+    """Return whether a limit need not allow zero: a side of a signed value that contains the position."""
+    entry = quantity(name)
+    return entry.position and entry.bounds_side and entry.per_time == 0
+
+
+def scales(names: tuple[str, ...], bounds: Float[Any, " limits"]) -> dict[str, Any]:
+    """Return the fields `squares` and `shifts` of a `RouteProblem`, for its limits `bounds`."""
+    found = tangents(names, bounds)
+    if not any(map(is_shifted, names)):
+        return {"squares": found**2}
+    known = {name: bounds[k] for k, name in enumerate(names) if not names_obstacle(name)}
+    pairs = [scale_and_shift(x, known) if is_shifted(x) else (found[k], 0.0) for k, x in enumerate(names)]
+    sizes, shifts = (xp.stack([xp.asarray(x, bounds.dtype) for x in column]) for column in zip(*pairs, strict=True))
+    return {"squares": sizes**2, "shifts": shifts}
+
+
 def relative(
-    names: tuple[str, ...], values: Float[np.ndarray, "limits n"], bounds: Float[np.ndarray, "limits n"]
+    names: tuple[str, ...],
+    values: Float[np.ndarray, "limits n"],
+    bounds: Float[np.ndarray, "limits n"],
+    shifts: Float[np.ndarray, " limits"] | None = None,
 ) -> Any:
-    """Return the square roots of the constraints for values of the quantities; `bounds` are the magnitudes of limits.
+    """Return the square roots of the constraints for values of the quantities; `shifts` are those of the problem.
 
     A value on the other side of zero than the limit counts as zero. For an obstacle, the result is about 1 plus the
     depth [m] to which the body enters.
@@ -68,9 +89,10 @@ def relative(
             found[k] = 1.0 + np.maximum(-values[k], 0.0)
             continue
         entry = quantity(name)
-        side = entry.side if entry.bounds_side else 1
-        ratio = np.asarray(entry.tangent(values[k])) / np.asarray(entry.tangent(bounds[k]))
-        found[k] = np.maximum(side * ratio, 0.0) ** (0.5 * _power(name))
+        side, shift = entry.side if entry.bounds_side else 1, 0.0 if shifts is None else shifts[k]
+        limit = entry.side * bounds[k] + shift if shift else np.abs(bounds[k])
+        ratio = (side * np.asarray(entry.tangent(values[k])) + shift) / np.asarray(entry.tangent(limit))
+        found[k] = np.maximum(ratio, 0.0) ** (0.5 * _power(name))
     return found
 
 
@@ -84,27 +106,35 @@ def units(problem: RouteProblem, h: Float[Any, " n"], nodes: int) -> Float[Any, 
     return times[:, None] * squares ** (-0.5 * powers)[:, None, None]
 
 
-def ratios(names: tuple[str, ...], r: Any, road: Any = None, h: Any = None, clear: tuple[Clear, ...] = ()) -> list[Any]:
+def ratios(
+    names: tuple[str, ...], r: Any, road: Any = None, h: Any = None, clear: tuple[Clear, ...] = (), shifts: Any = None
+) -> list[Any]:
     """Return the square in the constraint of each limit for the derivatives r', r'', … in the array or list `r`.
 
     The components of each derivative follow each other. They are arrays or jets. `road` contains the parameters of the
-    vehicle and its road, one after the other, if a limit depends on them, and `h` is the duration. With obstacles, to
-    which the last names belong, r is the first of the derivatives.
+    vehicle and its road, one after the other, if a limit depends on them, and `h` is the duration. The last names belong
+    to the obstacles in `clear`. If a limit contains the position, it is the first of the derivatives.
     """
     vehicle = None
     if road is not None:
         vehicle = RoadParameters(*road)
         vehicle = vehicle._replace(gravity=h * h * vehicle.gravity)
     rows = [(r[k], r[k + 1], r[k + 2]) for k in range(0, len(r), 3)]
-    position, derived = (rows[0], rows[1:]) if clear else (None, rows)
-    i, own = Invariants([None, *derived], None, vehicle, root=sqrt), names[: len(names) - len(clear)]
-    return [*(_ratio(quantity(name), i) for name in own), *(x.value(position, derived[0]) for x in clear)]
+    rows = rows if contain_position(names) else [None, *rows]
+    i, own = Invariants(rows, None, vehicle, root=sqrt), names[: len(names) - len(clear)]
+    found = [_ratio(quantity(name), i, 0.0 if shifts is None else shifts[k]) for k, name in enumerate(own)]
+    return [*found, *(x.value(*rows[:2]) for x in clear)]
 
 
-def _ratio(entry: PathQuantity, i: Invariants) -> Any:
+def contain_position(names: tuple[str, ...]) -> bool:
+    """Return whether the constraint of one of these limits contains the position."""
+    return any(names_obstacle(name) or quantity(name).position for name in names)
+
+
+def _ratio(entry: PathQuantity, i: Invariants, shift: Any) -> Any:
     above, below = entry.numerator(i), 1.0 if entry.denominator is None else entry.denominator(i)
     if _is_signed(entry):
-        return entry.side * above / below
+        return entry.side * above / below + shift
     return below / above if entry.lower else above / below
 
 
@@ -116,12 +146,12 @@ def road_at(problem: RouteProblem, nodes: int) -> Any:
 
 
 def derivatives(problem: RouteProblem, ends: Float[Any, "6 3 n"], fine: bool = False) -> Float[Any, "q nodes n"]:
-    """Return the derivatives with respect to u at the nodes, component by component; with obstacles, r is the first."""
+    """Return the derivatives with respect to u at the nodes, component by component; the first may be r."""
     order = order_of(problem.names)
     rows = basis.rows(order + 1 - problem.first, problem.first, fine, problem.dense)
     found = matmul(rows.reshape(-1, 6), ends.reshape(6, -1)).reshape(len(rows), rows.shape[1], 3, -1)
     found = xp.moveaxis(found, 2, 1).reshape(3 * len(rows), rows.shape[1], -1)
-    if problem.clear:
+    if not problem.first:
         found = xp.concatenate([found[:3] + problem.origins[:, None], found[3:]])
     return found
 
@@ -169,7 +199,8 @@ def _values(problem: RouteProblem, s: Segments, fine: bool) -> Float[Any, "const
     r = derivatives(problem, s.ends, fine)
     if problem.dense:
         r = in_time(r, problem.fine_rates if fine else problem.rates, problem.first)
-    found = xp.stack(ratios(problem.names, r, road_at(problem, r.shape[1]), s.h[None], problem.clear))
+    road = road_at(problem, r.shape[1])
+    found = xp.stack(ratios(problem.names, r, road, s.h[None], problem.clear, problem.shifts))
     return xp.concatenate([found * units(problem, s.h, r.shape[1]), inside])
 
 
@@ -231,7 +262,8 @@ def expand(
     mixed, twice = np.zeros(r.shape), np.zeros(at_nodes)
     power, own = time_powers(problem.names), problem.road is not None
     numbers = coordinates(np.concatenate([r, np.broadcast_to(s.h, (1, *at_nodes))]) if own else r)
-    found = ratios(problem.names, numbers[:q], road_at(problem, r.shape[1]), numbers[q] if own else None, problem.clear)
+    road, h = road_at(problem, r.shape[1]), numbers[q] if own else None
+    found = ratios(problem.names, numbers[:q], road, h, problem.clear, problem.shifts)
     for k, g in enumerate(found):
         w, stiff, growth = unit[k] * weights[k], stiffness[k], -power[k] / s.h
         value[k], slope[k], rate[k] = unit[k] * g.value, unit[k] * g.gradient[:q], growth * unit[k] * g.value

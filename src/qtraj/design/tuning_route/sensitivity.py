@@ -24,7 +24,7 @@ from jaxtyping import Array, Float
 from qtraj.design.limits import Limits, limits_of
 from qtraj.design.tuning_route import circuit, geometry
 from qtraj.design.tuning_route.chain import Chain
-from qtraj.design.tuning_route.constraints import bounds, tangents, values
+from qtraj.design.tuning_route.constraints import bounds, scales, values
 from qtraj.design.tuning_route.curves import Curves, chain, rebuilt
 from qtraj.design.tuning_route.interior import Iterate, linearised, longest, newton, residual, restarted
 from qtraj.design.tuning_route.problem import RouteProblem, objective, segments
@@ -70,13 +70,13 @@ def differentiable(
         bounds,
         (jnp.asarray(pair[0], float), jnp.asarray(pair[1], float)),
         route.progress,
+        route.origin,
     )
-    origin = jax.lax.stop_gradient(route.origin)
     solutions: list[Solution] = []
 
     @jax.custom_jvp
     def variables(data: Data) -> Array:
-        if is_traced(data, origin):
+        if is_traced(data):
             raise ValueError(
                 "tune_route needs concrete values: differentiate it with grad, jvp, jacfwd or jacrev, but call these "
                 "outside jit and vmap, once for each route"
@@ -86,7 +86,7 @@ def differentiable(
             np.asarray(data.starts)[:count],
             np.asarray(data.coefficients)[:count],
             np.asarray(data.duration),
-            np.asarray(origin),
+            np.asarray(data.origin),
             None if data.progress is None else np.asarray(data.progress)[:count],
         )
         values = dict(zip(names, np.asarray(data.bounds).tolist(), strict=True))
@@ -257,7 +257,9 @@ def _with_data(problem: RouteProblem, data: Data, curves: Curves, kind: str, len
     widths = jnp.stack([jnp.broadcast_to(x, (count + 1,)) for x in data.tube], axis=1)
     widths = widths[np.array([own.start for own in curves.joint_rows()])]
     fields = geometry.smooth_fields(c, h, states, widths, problem.moving, problem.composed)
-    fields |= {"squares": tangents(problem.names, data.bounds) ** 2}
+    fields |= scales(problem.names, data.bounds)
+    if problem.origins is not None:
+        fields |= {"origins": states[:-1, 0].T + data.origin[:, None]}
     durations = fields["durations"]
     fields |= {"shortest": SHORTEST * durations, "longest": LONGEST * durations}
     if kind == "nearest":

@@ -179,16 +179,17 @@ def _solution(
     widths = half_widths(tube, joints, closed)[[own.start for own in rows]]
     every = fixed_states(fixed, joints, closed)
     held = np.stack([every[own].any(axis=0) for own in rows])
-    own, starts = around.clears(limits), given.states[:-1, 0] + np.asarray(route.origin)
+    own = around.clears(limits)
     around.require_possible(route, limits, held)
+    origin = np.asarray(route.origin, float)
     names = (*names, *(x.name for x in own))
     bounds = along.typical(limits)
     road = roads.at_fine_nodes(route, limits, given)
 
     def posed(bounds: np.ndarray, held: np.ndarray, objective: str, kept: bool) -> RouteProblem:
         every = np.append(bounds, np.ones(len(own)))
-        problem = problem_of(given, names, every, widths, held, objective, kept, closed, road)
-        return around.with_obstacles(problem, starts, own)
+        problem = problem_of(given, names, every, widths, held, objective, kept, closed, road, origin)
+        return around.with_obstacles(problem, own)
 
     problem = posed(bounds, held, objective, objective == "smoothest")
     if limits.varying:
