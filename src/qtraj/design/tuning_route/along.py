@@ -10,7 +10,6 @@ from jaxtyping import Float
 from qtraj.design.along import Along, Changing
 from qtraj.design.limits import Limits
 from qtraj.design.tuning_route import basis
-from qtraj.design.tuning_route.constraints import scales
 from qtraj.design.tuning_route.curves import Curves, largest_of
 from qtraj.design.tuning_route.problem import RouteProblem
 from qtraj.path.distances import distances
@@ -47,11 +46,10 @@ def local_squares(route: Route, limits: Limits, curves: Curves, closed: bool) ->
     u = segments.starts[:, None] + segments.durations[:, None] * basis.FINE_NODES
     at_nodes = on.at(u.ravel()).reshape(u.shape)[curves.first]
     found = []
-    squares = scales(tuple(limits.given()), typical(limits))["squares"]
-    for (name, bound), usual, square in zip(limits.given().items(), typical(limits), squares, strict=True):
+    for (name, bound), usual in zip(limits.given().items(), typical(limits), strict=True):
         side, sign, usual = quantity(name).side, _strictness(name), _tangent(name, usual)
         if not isinstance(bound, Along):
-            found.append(np.full(at_nodes.T.shape, square))
+            found.append(np.full(at_nodes.T.shape, usual**2))
             continue
         strictest = _tangent(name, bound.strictest(s[:-1] - on.uncertainty, s[1:] + on.uncertainty, side))
         absent = abs(usual) / ABSENT if sign > 0 else ABSENT * abs(usual)

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from qtraj.design.along import Variable
 from qtraj.design.bound import numbers
 from qtraj.design.ellipse import OfSpeed
 from qtraj.design.limits import Limits, require_limits
@@ -45,10 +44,8 @@ def limited(limits: Limits, objective: str) -> tuple[str, ...]:
             )
     require_suitable(tuple(bounds), objective)
     for name, bound in bounds.items():
-        if is_shifted(name) and not isinstance(bound, Variable):
-            continue
-        known = concrete(numbers(bound))
-        if quantity(name).bounds_side and known is not None and not (quantity(name).side * known > 0).all():
+        known, shifted = concrete(numbers(bound)), is_shifted(name) and not limits.varying
+        if not shifted and quantity(name).bounds_side and known is not None and not (quantity(name).side * known > 0).all():
             raise ValueError(
                 f"tune_route needs two-sided limits that allow zero, with a lower bound below and an upper bound above "
                 f"it, but {name} = {known.tolist()} was given"

@@ -2,7 +2,7 @@
 
 The constraint for a limit is (value/limit)² ≤ margin. The margin (at most 1) accounts for larger values between the
 nodes. For a limit on one side of a signed value, it is value/limit ≤ margin, and for a lower bound on a quantity that
-is never negative (limit/value)² ≤ margin. A limit on the height need not allow zero: it is shifted (see `one_sided`). The tube bounds the horizontal and the vertical distance from the original
+is never negative (limit/value)² ≤ margin. A limit on the height need not allow zero: it is shifted, to (value + s)/(limit + s) with a number s. The tube bounds the horizontal and the vertical distance from the original
 path at equal fractions of a segment.
 
 The limits are formulas of r', r'' and r''', the derivatives of the path with respect to u = t/h. The square of a
@@ -16,7 +16,6 @@ import numpy as np
 from jaxtyping import Float
 
 from qtraj.algebra.jets import coordinates, sqrt
-from qtraj.design.one_sided import scale_and_shift
 from qtraj.design.tuning_route import basis
 from qtraj.design.tuning_route.clear import Clear
 from qtraj.design.tuning_route.problem import RouteProblem, Segments, joined
@@ -61,15 +60,25 @@ def is_shifted(name: str) -> bool:
     return entry.position and entry.bounds_side and entry.per_time == 0
 
 
-def scales(names: tuple[str, ...], bounds: Float[Any, " limits"]) -> dict[str, Any]:
-    """Return the fields `squares` and `shifts` of a `RouteProblem`, for its limits `bounds`."""
+def scales(names: tuple[str, ...], bounds: Float[Any, " limits"], sizes: Any = None) -> dict[str, Any]:
+    """Return the fields `squares` and `shifts` of a `RouteProblem` for its limits.
+
+    `sizes` (limits,) are the values of the shifted limits; None if no limit is shifted.
+    """
     found = tangents(names, bounds)
-    if not any(map(is_shifted, names)):
-        return {"squares": found**2}
-    known = {name: bounds[k] for k, name in enumerate(names) if not names_obstacle(name)}
-    pairs = [scale_and_shift(x, known) if is_shifted(x) else (found[k], 0.0) for k, x in enumerate(names)]
-    sizes, shifts = (xp.stack([xp.asarray(x, bounds.dtype) for x in column]) for column in zip(*pairs, strict=True))
-    return {"squares": sizes**2, "shifts": shifts}
+    shifted = np.array([sizes is not None and is_shifted(name) for name in names], bool)
+    if not shifted.any():
+        return {"squares": found**2, "shifts": None}
+    sides = np.array([quantity(name).side for name in names], float)
+    return {"squares": xp.where(shifted, sizes, found) ** 2, "shifts": xp.where(shifted, sizes - sides * found, 0.0)}
+
+
+def sizes_of(
+    names: tuple[str, ...], bounds: Float[np.ndarray, " limits"], length: float
+) -> Float[np.ndarray, " limits"]:
+    """Return the values of shifted limits: a length [m] for heights, whose origin is arbitrary."""
+    units = [quantity(name).unit for name in names]
+    return np.array([length if unit == "m" else abs(b) or 1.0 for unit, b in zip(units, bounds, strict=True)])
 
 
 def relative(

@@ -36,7 +36,7 @@ class RouteProblem(NamedTuple):
     (limits + 2, nodes, n): whether a constraint is used. `shortest`, `longest` (n,) [s]: bounds on the durations.
     `clear` are the constraints of balls of the body and obstacles, to which the last `names` belong. `origins` (3, n)
     [m]: the positions of the starts of the original segments; None if no constraint contains the position. `shifts`
-    (limits,): numbers that are added to signed values (see `one_sided`), or None; `squares` are then those of the sums.
+    (limits,): numbers that are added to signed values and their limits, or None; `squares` are then those of the sums.
     `local` (limits, fine, n): the squares of limits that change along the way, at the fine nodes; None if no limit
     changes. `road` (parameters, fine, n): the `RoadParameters` there; None if no limit depends on them.
     `target` (6, 3, n) [m]: the scaled end states of the path in the objective "nearest" minus `ends`; None without one.

@@ -257,7 +257,7 @@ def _with_data(problem: RouteProblem, data: Data, curves: Curves, kind: str, len
     widths = jnp.stack([jnp.broadcast_to(x, (count + 1,)) for x in data.tube], axis=1)
     widths = widths[np.array([own.start for own in curves.joint_rows()])]
     fields = geometry.smooth_fields(c, h, states, widths, problem.moving, problem.composed)
-    fields |= scales(problem.names, data.bounds)
+    fields |= scales(problem.names, data.bounds, None if problem.shifts is None else jnp.sqrt(problem.squares))
     if problem.origins is not None:
         fields |= {"origins": states[:-1, 0].T + data.origin[:, None]}
     durations = fields["durations"]

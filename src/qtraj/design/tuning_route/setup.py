@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from qtraj.design.tuning_route import basis
-from qtraj.design.tuning_route.constraints import contain_position, scales
+from qtraj.design.tuning_route.constraints import contain_position, scales, sizes_of
 from qtraj.design.tuning_route.curves import Curves, chain, curves_of, rates, rebuilt, stretch
 from qtraj.design.tuning_route.geometry import (
     joint_states,
@@ -101,7 +101,8 @@ def problem_of(
     stretched = given.stretch
     held = _held(fixed, moving, closed)
     composed = given.curves.composed if given.curves.composed.any() else None
-    smooth = smooth_fields(given.c, given.h, given.states, tube, moving, composed) | scales(names, bounds)
+    smooth = smooth_fields(given.c, given.h, given.states, tube, moving, composed)
+    smooth |= scales(names, bounds, sizes_of(names, bounds, float(np.sqrt(np.mean(tube[:, 1] ** 2)))))
     if origin is not None and contain_position(names):
         smooth |= {"origins": given.states[:-1, 0].T + origin[:, None]}
     fine = basis.places(composed, len(given.h), fine=True)

@@ -18,6 +18,7 @@ from qtraj.design.tuning_route.arguments import (
     require_differentiable,
     require_route,
 )
+from qtraj.design.tuning_route.constraints import scales
 from qtraj.design.tuning_route.curves import largest_of
 from qtraj.design.tuning_route.problem import RouteProblem
 from qtraj.design.tuning_route.remedy import Change, remedy
@@ -193,7 +194,8 @@ def _solution(
 
     problem = posed(bounds, held, objective, objective == "smoothest")
     if limits.varying:
-        problem = problem._replace(local=along.local_squares(route, limits, given.curves, closed))
+        local = along.local_squares(route, limits, given.curves, closed)
+        problem = problem._replace(**scales(names, bounds), local=local)
     if nearest_to is not None:
         problem = problem._replace(target=target.offset(route, given, problem.moving, nearest_to))
     found = _unchanged(route, given, limits, widths, problem)
