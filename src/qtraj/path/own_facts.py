@@ -83,7 +83,7 @@ def only_height(formula: Product) -> bool:
 
 def is_shape(formula: Product) -> bool:
     """Return whether a formula has the same values for all timings of a path."""
-    return formula.degree(lambda f: _weight(f, velocity=1, cross=3, triple=6)) == 0
+    return formula.degree(lambda f: _weight(f, velocity=1, cross=3, triple=6, position=0)) == 0
 
 
 def is_zero_at_rest(formula: Product) -> bool:
@@ -95,7 +95,9 @@ def stop_of(formula: Product, shape: bool) -> str:
     """Return how a quantity with a divisor is proved next to a stop; see `OwnFacts`."""
     if formula.degree(lambda f: _weight(f, velocity=1, cross=2, triple=3)) == 0:
         return "direction"
-    if POSITION not in vectors_of(formula) and formula.degree(_velocities) == 0:
+    if POSITION in vectors_of(formula):  # only the sources of whole segments contain the position
+        return "path"
+    if formula.degree(_velocities) == 0:
         return "component"
     return "shape" if shape else "path"
 
@@ -113,11 +115,11 @@ def divisor_of(formula: Product) -> tuple[str | None, list[Factor]]:
     return name, [f for f in divisors if f not in named]
 
 
-def _weight(f: Factor, velocity: int, cross: int, triple: int) -> Fraction | None:
+def _weight(f: Factor, velocity: int, cross: int, triple: int, position: int | None = None) -> Fraction | None:
     """Return the power of a factor by which a factor of the velocity multiplies it; None if there is no such power."""
     if f.kind == "dot" and f.parts == (CROSS, JERK):
         return Fraction(triple)
-    known = {VELOCITY: velocity, CROSS: cross}
+    known = {VELOCITY: velocity, CROSS: cross} | ({} if position is None else {POSITION: position})
     return Fraction(sum(known[v] for v in f.vectors)) if all(v in known for v in f.vectors) else None
 
 

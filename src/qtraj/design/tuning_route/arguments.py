@@ -45,7 +45,12 @@ def limited(limits: Limits, objective: str) -> tuple[str, ...]:
     require_suitable(tuple(bounds), objective)
     for name, bound in bounds.items():
         known, shifted = concrete(numbers(bound)), is_shifted(name) and not limits.varying
-        if not shifted and quantity(name).bounds_side and known is not None and not (quantity(name).side * known > 0).all():
+        if (
+            not shifted
+            and quantity(name).bounds_side
+            and known is not None
+            and not (quantity(name).side * known > 0).all()
+        ):
             raise ValueError(
                 f"tune_route needs two-sided limits that allow zero, with a lower bound below and an upper bound above "
                 f"it, but {name} = {known.tolist()} was given"
