@@ -38,12 +38,12 @@ class Invariants:
         root: Callable[[Any], Any] = safe_root,
         pace: Any = 1,
     ):
-        """Store the derivatives; `derivatives[k]` is the k-th derivative of the path, k ≥ 1; `derivatives[0]` is the
-        position, or None if no formula contains it.
+        """Store the derivatives; `derivatives[k]` is the k-th derivative of the path.
 
-        `up` is the vertical, by default the third axis. `vehicle` contains the `RoadParameters` for quantities that
-        need them, and `root` computes the square root of a number. If `derivatives[1]` has only the direction of the
-        velocity, `pace` is the velocity divided by `derivatives[1]`.
+        `derivatives[0]` is the position, or None if no formula contains it. `up` is the vertical, by default the third
+        axis. `vehicle` contains the `RoadParameters` for quantities that need them, and `root` computes the square root
+        of a number. If `derivatives[1]` has only the direction of the velocity, `pace` is the velocity divided by
+        `derivatives[1]`.
         """
         self.r = derivatives
         self.up = up

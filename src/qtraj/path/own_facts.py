@@ -35,9 +35,10 @@ class OwnFacts:
 
     `formula` is None for a function that is not a formula, which is only sampled. `in_si` means that the function
     contains numbers with a unit, so that it is computed in SI units. `world` means that it contains world components x
-    or y, or more of the position than its height, which are polynomials only on paths in world axes. `shape` means that it does not depend on the timing. `stop` is how it is proved next to a stop, "path", "direction",
-    "component" or "shape" (see `design.proof.route_segments`). The quantity exists where all `guards` are satisfied.
-    `zero_at_rest` means that it tends to zero if all derivatives of the path are multiplied by a factor that does.
+    or y, or more of the position than its height, which are polynomials only on paths in world axes. `shape` means that
+    it does not depend on the timing. `stop` is how it is proved next to a stop, "path", "direction", "component" or
+    "shape" (see `design.proof.route_segments`). The quantity exists where all `guards` are satisfied. `zero_at_rest`
+    means that it tends to zero if all derivatives of the path are multiplied by a factor that does.
     """
 
     formula: Product | None = field(compare=False)

@@ -107,7 +107,7 @@ class PolynomialSource(Source):
         self._origin = np.broadcast_to(np.zeros(3) if origin is None else np.asarray(origin, float), (self.count, 3)).T
 
     def proves(self, entry: PathQuantity) -> bool:
-        """Return whether the path is polynomial in world axes if the quantity has other components than the vertical."""
+        """Return whether the path is polynomial in world axes if the quantity is computed from components in them."""
         return self._in_world or entry.own is None or not entry.own.world
 
     def positioned(self) -> PolynomialSource:
@@ -194,7 +194,7 @@ def polynomial_source(
     orientation: np.ndarray,
     origin: np.ndarray,
 ) -> PolynomialSource:
-    """Return the source of n paths from their coefficients (n, terms), and the orientations (n, 4) and origins (n, 3)."""
+    """Return the source of n paths from coefficients (n, terms), orientations (n, 4) and origins (n, 3)."""
     y = None if y is None else y.T
     return PolynomialSource(x.T, y, z.T, angle.T, duration, _local_vertical(orientation), origin)
 

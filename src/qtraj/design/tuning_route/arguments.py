@@ -11,7 +11,7 @@ from qtraj.design.ellipse import OfSpeed
 from qtraj.design.limits import Limits, require_limits
 from qtraj.design.own_limits import require_reduced
 from qtraj.design.proof.certificate import require_float64
-from qtraj.design.tuning_route.constraints import is_shifted
+from qtraj.design.tuning_route.scales import is_shifted
 from qtraj.foundation.argument import described
 from qtraj.foundation.arrays import concrete, is_traced
 from qtraj.path.quantity import bound_speed, quantity

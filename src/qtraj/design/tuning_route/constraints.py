@@ -2,8 +2,8 @@
 
 The constraint for a limit is (value/limit)² ≤ margin. The margin (at most 1) accounts for larger values between the
 nodes. For a limit on one side of a signed value, it is value/limit ≤ margin, and for a lower bound on a quantity that
-is never negative (limit/value)² ≤ margin. A limit on the height need not allow zero: it is shifted, to (value + s)/(limit + s) with a number s. The tube bounds the horizontal and the vertical distance from the original
-path at equal fractions of a segment.
+is never negative (limit/value)² ≤ margin. A limit on the height is shifted (see `scales`). The tube bounds the
+horizontal and the vertical distance from the original path at equal fractions of a segment.
 
 The limits are formulas of r', r'' and r''', the derivatives of the path with respect to u = t/h. The square of a
 quantity is proportional to h⁻²ᵖ, where p is the power of 1/s in its unit, which gives its derivatives with respect to
@@ -47,40 +47,6 @@ def _is_signed(entry: PathQuantity) -> bool:
     return entry.signed is not None
 
 
-def tangents(names: tuple[str, ...], bounds: Float[Any, " limits"]) -> Float[Any, " limits"]:
-    """Return the limits on the ratios of the quantities: tangents for angles."""
-    if not any(quantity(name).tangent_of for name in names):
-        return bounds
-    return xp.stack([quantity(name).tangent(bounds[k]) for k, name in enumerate(names)])
-
-
-def is_shifted(name: str) -> bool:
-    """Return whether a limit need not allow zero: a side of a signed value that contains the position."""
-    entry = quantity(name)
-    return entry.position and entry.bounds_side and entry.per_time == 0
-
-
-def scales(names: tuple[str, ...], bounds: Float[Any, " limits"], sizes: Any = None) -> dict[str, Any]:
-    """Return the fields `squares` and `shifts` of a `RouteProblem` for its limits.
-
-    `sizes` (limits,) are the values of the shifted limits; None if no limit is shifted.
-    """
-    found = tangents(names, bounds)
-    shifted = np.array([sizes is not None and is_shifted(name) for name in names], bool)
-    if not shifted.any():
-        return {"squares": found**2, "shifts": None}
-    sides = np.array([quantity(name).side for name in names], float)
-    return {"squares": xp.where(shifted, sizes, found) ** 2, "shifts": xp.where(shifted, sizes - sides * found, 0.0)}
-
-
-def sizes_of(
-    names: tuple[str, ...], bounds: Float[np.ndarray, " limits"], length: float
-) -> Float[np.ndarray, " limits"]:
-    """Return the values of shifted limits: a length [m] for heights, whose origin is arbitrary."""
-    units = [quantity(name).unit for name in names]
-    return np.array([length if unit == "m" else abs(b) or 1.0 for unit, b in zip(units, bounds, strict=True)])
-
-
 def relative(
     names: tuple[str, ...],
     values: Float[np.ndarray, "limits n"],
@@ -121,8 +87,8 @@ def ratios(
     """Return the square in the constraint of each limit for the derivatives r', r'', … in the array or list `r`.
 
     The components of each derivative follow each other. They are arrays or jets. `road` contains the parameters of the
-    vehicle and its road, one after the other, if a limit depends on them, and `h` is the duration. The last names belong
-    to the obstacles in `clear`. If a limit contains the position, it is the first of the derivatives.
+    vehicle and its road, one after the other, if a limit depends on them, and `h` is the duration. The last names
+    belong to the obstacles in `clear`. If a limit contains the position, it is the first of the derivatives.
     """
     vehicle = None
     if road is not None:

@@ -24,11 +24,12 @@ from jaxtyping import Array, Float
 from qtraj.design.limits import Limits, limits_of
 from qtraj.design.tuning_route import circuit, geometry
 from qtraj.design.tuning_route.chain import Chain
-from qtraj.design.tuning_route.constraints import bounds, scales, values
+from qtraj.design.tuning_route.constraints import bounds, values
 from qtraj.design.tuning_route.curves import Curves, chain, rebuilt
 from qtraj.design.tuning_route.interior import Iterate, linearised, longest, newton, residual, restarted
 from qtraj.design.tuning_route.problem import RouteProblem, objective, segments
 from qtraj.design.tuning_route.program import RouteProgram
+from qtraj.design.tuning_route.scales import scales
 from qtraj.design.tuning_route.setup import LONGEST, SHORTEST
 from qtraj.design.tuning_route.solution import Data, Known, Solution
 from qtraj.design.tuning_route.tuned_route import TunedRoute

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from qtraj.design.tuning_route import basis
-from qtraj.design.tuning_route.constraints import contain_position, scales, sizes_of
+from qtraj.design.tuning_route.constraints import contain_position
 from qtraj.design.tuning_route.curves import Curves, chain, curves_of, rates, rebuilt, stretch
 from qtraj.design.tuning_route.geometry import (
     joint_states,
@@ -17,6 +17,7 @@ from qtraj.design.tuning_route.geometry import (
     tube_squares,
 )
 from qtraj.design.tuning_route.problem import BLOCK, RouteProblem
+from qtraj.design.tuning_route.scales import scales, sizes_of
 from qtraj.path import pieces
 from qtraj.path.driving import segments_of
 from qtraj.path.quantity import quantity

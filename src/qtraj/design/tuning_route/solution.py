@@ -12,7 +12,7 @@ from qtraj.design.tuning_route.tuned_route import TunedRoute
 
 
 class Data(NamedTuple):
-    """The data θ: the segments of the route as it stores them, its origin, the values of limits, and the half-widths."""
+    """The data θ: the segments of the route as it stores them, its origin, the limits, and the half-widths."""
 
     starts: Float[Array, " rows"]
     coefficients: Float[Array, "rows terms 3"]

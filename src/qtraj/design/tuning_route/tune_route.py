@@ -18,10 +18,10 @@ from qtraj.design.tuning_route.arguments import (
     require_differentiable,
     require_route,
 )
-from qtraj.design.tuning_route.constraints import scales
 from qtraj.design.tuning_route.curves import largest_of
 from qtraj.design.tuning_route.problem import RouteProblem
 from qtraj.design.tuning_route.remedy import Change, remedy
+from qtraj.design.tuning_route.scales import scales
 from qtraj.design.tuning_route.sensitivity import differentiable
 from qtraj.design.tuning_route.setup import Parts, parts, problem_of
 from qtraj.design.tuning_route.shapes import route_in_tube
