@@ -55,6 +55,7 @@ class Formulas:
     weights: Any
     heading_fixed: Any
     vertical: Any
+    placement: Any
     road: Any
     motion: AbstractMotion
     objective: AbstractObjective
