@@ -260,7 +260,7 @@ def _with_data(problem: RouteProblem, data: Data, curves: Curves, kind: str, len
     fields = geometry.smooth_fields(c, h, states, widths, problem.moving, problem.composed)
     fields |= scales(problem.names, data.bounds, None if problem.shifts is None else jnp.sqrt(problem.squares))
     if problem.origins is not None:
-        fields |= {"origins": states[:-1, 0].T + data.origin[:, None]}
+        fields |= {"origins": states[:-1, 0].T + jnp.asarray(data.origin)[:, None]}
     durations = fields["durations"]
     fields |= {"shortest": SHORTEST * durations, "longest": LONGEST * durations}
     if kind == "nearest":

@@ -20,7 +20,7 @@ class Data(NamedTuple):
     bounds: Float[Array, " limits"]
     tube: tuple[Array, Array]
     progress: Float[Array, "rows 4"] | None
-    origin: Float[Array, " 3"]
+    origin: Float[Array, " 3"] | None = None
 
 
 class Known:
