@@ -65,6 +65,7 @@ def test_quantities_match_their_definitions(placement):
         "horizontal_curvature": abs(bend(v, a)),
         "curvature_rate": abs(rate_of(bend, path, t)),
         "sharpness": abs(rate_of(bend, path, t)) / np.hypot(v[0], v[1]),
+        "height": abs(r[0, 2]),
         "vertical_speed": abs(v[2]),
         "vertical_acceleration": abs(a[2]),
         "load_factor": np.linalg.norm(force) / GRAVITY,

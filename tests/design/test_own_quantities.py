@@ -12,7 +12,7 @@ CURVATURE = qt.Quantity("own_curvature", "1/m", lambda p: p.velocity.cross(p.acc
 LATERAL = qt.Quantity("own_lateral", "m/s^2", lambda p: p.velocity.cross(p.acceleration).norm() / p.speed)
 LONGITUDINAL = qt.Quantity("own_longitudinal", "m/s²", lambda p: p.velocity.dot(p.acceleration) / p.speed)
 CLIMB = qt.Quantity("climb_rate", "m/s", lambda p: p.velocity[2])
-HEIGHT = qt.Quantity("height", "m", lambda p: p.position[2])
+HEIGHT = qt.Quantity("altitude", "m", lambda p: p.position[2])
 SINE = qt.Quantity("heading_sine", "1", lambda p: jnp.sin(p.velocity[0] / p.speed))
 
 
@@ -109,8 +109,8 @@ def test_a_retimed_path_proves_what_depends_on_the_shape_and_samples_the_rest():
     assert status == {
         "own_curvature": "proved",
         "own_lateral": "sampled",
-        "height_min": "sampled",
-        "height_max": "sampled",
+        "altitude_min": "proved",
+        "altitude_max": "proved",
     }
 
 
@@ -119,7 +119,7 @@ def test_positions_on_a_route_far_from_the_origin():
     route = qt.Route([0.0, 2.0], [[0, 0, 1e6], [4, 0, 1e6 + 3]], [[2, 0, 0], [2, 0, 0]], [[0, 0, 0], [0, 0, 0]])
     top = 1e6 + 3
     assert qt.certify(route, qt.Limits(own={HEIGHT: (None, top * (1 + 1e-12))})).holds
-    assert qt.certify(route, qt.Limits(own={HEIGHT: (None, top - 1e-6)})).status["height_max"] == "broken"
+    assert qt.certify(route, qt.Limits(own={HEIGHT: (None, top - 1e-6)})).status["altitude_max"] == "broken"
 
 
 def test_a_parked_vehicle_has_a_height_and_the_value_of_a_constant():
@@ -128,8 +128,8 @@ def test_a_parked_vehicle_has_a_height_and_the_value_of_a_constant():
     faster = qt.Quantity("faster", "m/s", lambda p: p.speed + 3.0)
     status = qt.certify(route, qt.Limits(own={HEIGHT: (1.0, 1.5), faster: 2.9, CURVATURE: 0.1})).status
     assert status == {
-        "height_min": "proved",
-        "height_max": "broken",
+        "altitude_min": "proved",
+        "altitude_max": "broken",
         "faster": "broken",
         "own_curvature": "proved",
     }
@@ -180,17 +180,17 @@ def test_a_function_that_is_not_a_formula_is_sampled():
         assert [x["heading_sine_max"] for x in status] == ["sampled", "broken"]
 
 
-def test_world_components_on_a_spiral_helix_are_sampled():
+def test_components_along_x_on_a_spiral_helix_are_sampled_and_heights_proved_if_its_axis_is_vertical():
     east = qt.Quantity("east_speed", "m/s", lambda p: p.velocity[0])
     t = np.linspace(0, 8.0, 2001)
-    for path in (HELIX, TILTED):
+    for path, height in ((HELIX, "proved"), (TILTED, "sampled")):
         table = qt.evaluate(path, t, ("velocity", "position", east, HEIGHT))
         np.testing.assert_allclose(table[east], table.velocity[:, 0], atol=1e-12)
         np.testing.assert_allclose(table[HEIGHT], table.position[:, 2], atol=1e-12)
         limits = qt.Limits(own={east: float(np.abs(table[east]).max()) + 1e-3, CURVATURE: 1.0, HEIGHT: (None, 100.0)})
-        assert [*qt.certify(path, limits).status.values()] == ["sampled", "proved", "sampled"]
+        assert [*qt.certify(path, limits).status.values()] == ["sampled", "proved", height]
         along = qt.Along([0, 5], [100.0, 99.0])
-        assert qt.certify(path, qt.Limits(own={HEIGHT: (None, along)})).status == {"height_max": "sampled"}
+        assert qt.certify(path, qt.Limits(own={HEIGHT: (None, along)})).status == {"altitude_max": height}
 
 
 def test_limits_that_change_along_the_way():
@@ -239,6 +239,7 @@ def test_equal_formulas_are_the_same_quantity():
         (("climb", "m/s", lambda p: p.velocty), "has no 'velocty'"),
         (("climb", "m/s", lambda p: p.vehicle.colour), "has no 'colour'"),
         (("curvature", "1/m", lambda p: p.speed), "is taken"),
+        (("height", "m", lambda p: p.position[2]), "is taken"),
         (("climb_min", "m/s", lambda p: p.speed), "is taken"),
         (("a b", "m/s", lambda p: p.speed), "identifier"),
         (("climb", "m/s", lambda p: p.speed / 0), "divides by zero"),
@@ -253,16 +254,15 @@ def test_what_does_not_support_an_own_quantity_says_so(tmp_path):
     start, end = qt.BoundaryState([20, 0, 0], [0, 6, 0.5]), qt.BoundaryState([0, 22, 6], [-6, 0, 0.5])
     east = qt.Quantity("east_speed", "m/s", lambda p: p.velocity[0])
     faster = qt.Quantity("faster", "m/s", lambda p: p.speed + 3.0)
+    distance = qt.Quantity("distance", "m", lambda p: p.position.norm())
     for quantity, reason in (
         (east, "x or y"),
         (faster, "different units"),
         (SINE, "not a formula"),
-        (HEIGHT, "position"),
+        (distance, "more of the position"),
     ):
         with pytest.raises(ValueError, match=f"tune does not support the limit on {quantity.name}, .*{reason}"):
             qt.tune(start, end, qt.Limits(own={quantity: 1.0}))
-    with pytest.raises(ValueError, match=r"tune_route does not support the limit on height, .*position"):
-        qt.tune_route(route_of(0), qt.Limits(own={HEIGHT: 1.0}))
     with pytest.raises(ValueError, match=r"Remove the limits on climb_rate.*certify"):
         qt.retime(route_of(0), qt.Limits(speed=5.0, own={CLIMB: 1.0}))
     limits = qt.Limits(own={CLIMB: 1.0})

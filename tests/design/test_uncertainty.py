@@ -109,12 +109,13 @@ def test_gradients_and_hessians_are_those_of_finite_differences(name):
     entry, rng = ENTRIES[name], np.random.default_rng(0)
     road = CAR.parameters(np.float64)
     r = rng.normal(size=(3 * max(entry.order, 1), 4)) + np.tile([6.0, 2.0, 0.3], max(entry.order, 1))[:, None]
-    found, h = expand(entry, r, 1, road), 1e-5
+    lowest = 0 if entry.position else 1
+    found, h = expand(entry, r, lowest, road), 1e-5
 
     def at(r):
         if name == "heading":
             return np.arctan2(r[1], r[0])
-        rows = [None, *(tuple(r[k : k + 3]) for k in range(0, len(r), 3))]
+        rows = [*[None] * lowest, *(tuple(r[k : k + 3]) for k in range(0, len(r), 3))]
         return entry.value(Invariants(rows, None, road))
 
     np.testing.assert_allclose(found.value, at(r), rtol=1e-10, atol=1e-12)
@@ -122,7 +123,8 @@ def test_gradients_and_hessians_are_those_of_finite_differences(name):
         slope = (at(r + step) - at(r - step)) / (2 * h)
         scale = np.abs(found.gradient).max()
         np.testing.assert_allclose(found.gradient[k], slope, rtol=1e-6, atol=1e-7 * max(scale, 1.0))
-        change = (expand(entry, r + step, 1, road).gradient - expand(entry, r - step, 1, road).gradient) / (2 * h)
+        first, last = (expand(entry, r + x, lowest, road).gradient for x in (-step, step))
+        change = (last - first) / (2 * h)
         np.testing.assert_allclose(found.hessian[k], change, rtol=1e-5, atol=1e-6 * max(np.abs(change).max(), 1.0))
 
 
@@ -273,12 +275,14 @@ def test_own_quantities_are_propagated(fitted):
     climb = qt.Quantity("climb", "m/s", lambda p: p.velocity[2])
     course = qt.Quantity("course", "rad", lambda p: jnp.arctan2(p.velocity[1], p.velocity[0]))
     east = qt.Quantity("east", "m", lambda p: p.position[0])
-    found = qt.uncertainty(fitted, [4.0, 9.0], [climb, course, east, "vertical_speed", "heading", "position"])
+    names = [climb, course, east, "vertical_speed", "heading", "position", "height"]
+    found = qt.uncertainty(fitted, [4.0, 9.0], names)
     pairs = (("climb", "vertical_speed"), ("course", "heading"))
     for own, other in pairs:
         np.testing.assert_allclose(found.sigma[own], found.sigma[other], rtol=1e-9)
         np.testing.assert_allclose(found.nonlinearity[own], found.nonlinearity[other], rtol=1e-6, atol=1e-12)
     np.testing.assert_allclose(found.sigma["east"], found.sigma["position"][:, 0], rtol=1e-9)
+    np.testing.assert_allclose(found.sigma["height"], found.sigma["position"][:, 2], rtol=1e-9)
 
 
 def test_saved_results_have_the_same_sigmas(fitted, tmp_path):

@@ -88,7 +88,7 @@ class Instants:
 
     @cached_property
     def _in_world(self) -> Invariants:
-        """The invariants of derivatives in world axes, for quantities of one's own."""
+        """The invariants of derivatives in world axes, for quantities that contain components or the position."""
         return Invariants([self.derivative(k) for k in range(ORDER + 1)], None, self._road, root)
 
     @cached_property

@@ -54,6 +54,7 @@ class Limits(eqx.Module):
       acceleration.
     - `horizontal_curvature` [1/m] of the projection of the path, positive in left turns; its `curvature_rate`
       [1/(m s)], and its change per horizontal distance, the `sharpness` [1/m²].
+    - `height` [m], the world's z component of the position, which may be negative.
     - `vertical_speed` [m/s] and `vertical_acceleration` [m/s²], positive upwards.
     - `load_factor` |f|/g [-] of the specific force f = r̈ + g·up, its `tilt` [rad] from the vertical, and the
       `bank_angle` [rad] of a coordinated turn, positive in left turns; g is 9.80665 m/s² without a `vehicle`.
@@ -108,6 +109,7 @@ class Limits(eqx.Module):
     horizontal_curvature: Bound | None
     curvature_rate: Bound | None
     sharpness: Bound | None
+    height: Bound | None
     vertical_speed: Bound | None
     vertical_acceleration: Bound | None
     load_factor: Bound | None
@@ -148,6 +150,7 @@ class Limits(eqx.Module):
         horizontal_curvature: Limit = None,
         curvature_rate: Limit = None,
         sharpness: Limit = None,
+        height: Limit = None,
         vertical_speed: Limit = None,
         vertical_acceleration: Limit = None,
         load_factor: Limit = None,

@@ -83,8 +83,8 @@ def require_reduced(names: Collection[str], what: str, in_world: bool = False, o
         reasons = {
             "is not a formula of + - * / and qtraj.sqrt": entry.own.formula is None,
             "adds numbers with different units": entry.own.in_si,
-            "contains the position": entry.own.position,
-            "contains components along x or y": entry.own.world and not in_world,
+            "contains components along x or y, or more of the position than its height": entry.own.world
+            and not in_world,
             f"contains derivatives above the order {order}": entry.order > order,
         }
         if reason := next((text for text, holds in reasons.items() if holds), None):

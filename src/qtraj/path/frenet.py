@@ -40,18 +40,15 @@ class Invariants:
         pace: Any = 1,
         plumb: Any = None,
     ):
-        """Store the derivatives; `derivatives[k]` is the k-th derivative of the path, k ≥ 1.
+        """Store the derivatives; `derivatives[k]` is the k-th derivative of the path.
 
-        `up` is the vertical, by default the third axis. `vehicle` contains the `RoadParameters` for quantities that
-        need them, and `root` computes the square root of a number. If `derivatives[1]` has only the direction of the
-        velocity, `pace` is the velocity divided by `derivatives[1]`. `plumb` is opposite to gravity, if `up` is not.
+        `derivatives[0]` is the position, or None if no formula contains it. `up` is the vertical, by default the third
+        axis. `vehicle` contains the `RoadParameters` for quantities that need them, and `root` computes the square root
+        of a number. If `derivatives[1]` has only the direction of the velocity, `pace` is the velocity divided by
+        `derivatives[1]`. `plumb` is opposite to gravity, if `up` is not.
         """
-        self.r = derivatives
-        self.up = up
-        self.vehicle = vehicle
-        self.root = root
-        self.pace = pace
-        self.plumb = plumb
+        self.r, self.up, self.plumb = derivatives, up, plumb
+        self.vehicle, self.root, self.pace = vehicle, root, pace
         self.references: Any = None  # the squares to which S and N are compared (`regularity`), computed once
 
     @property
@@ -158,6 +155,11 @@ class Invariants:
     def D(self) -> Any:
         """The scalar product c·r'''', with c = r'×r''; it is the derivative of T = c·r'''."""
         return dot(self.c, self.r[4])
+
+    @cached_property
+    def Z(self) -> Any:
+        """The height, the vertical component of the position."""
+        return self.vertical(self.r[0])
 
     @cached_property
     def V(self) -> Any:

@@ -1,4 +1,4 @@
-"""Define quantities of the motion that are signed: rates of the acceleration and of the curvature, vertical motion.
+"""Define quantities of the motion that are signed: rates of the acceleration and of the curvature, height, climb.
 
 With the invariants of `frenet`, the longitudinal acceleration is B/√S and the horizontal curvature P/√H³. The others
 are their derivatives with respect to time or, for the sharpness, to the horizontal distance travelled. So S' = 2B,
@@ -37,6 +37,7 @@ def _signed(
     square: Formula | None,
     divisor: str | None,
     upright: bool = True,
+    position: bool = False,
 ) -> PathQuantity:
     """Return the entry of a quantity whose magnitude is limited by a number.
 
@@ -55,6 +56,7 @@ def _signed(
         divisor=divisor,
         upright=upright,
         output=f"{name}_magnitude",
+        position=position,
         component=Component(f"{meaning}; {signs}", numerator, denominator, value),
     )
 
@@ -115,6 +117,18 @@ MOTION_QUANTITIES = (
         (curvature_growth, lambda i: cubed(i.H), lambda i: curvature_growth(i) * inverse_root(i.H) ** 6),
         lambda i: squared(cubed(i.H)),
         "level",
+    ),
+    _signed(
+        "height",
+        "z",
+        "m",
+        0,
+        "height, the vertical component of the position",
+        "positive above the origin",
+        (lambda i: i.Z, None, lambda i: i.Z),
+        None,
+        None,
+        position=True,
     ),
     _signed(
         "vertical_speed",

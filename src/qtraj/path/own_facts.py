@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any
@@ -34,16 +35,15 @@ class OwnFacts:
 
     `formula` is None for a function that is not a formula, which is only sampled. `in_si` means that the function
     contains numbers with a unit, so that it is computed in SI units. `world` means that it contains world components x
-    or y, or the position, which are polynomials only on paths in world axes; `position` that it contains the position.
-    `shape` means that it does not depend on the timing. `stop` is how it is proved next to a stop, "path", "direction",
-    "component" or "shape" (see `design.proof.route_segments`). The quantity exists where all `guards` are satisfied.
-    `zero_at_rest` means that it tends to zero if all derivatives of the path are multiplied by a factor that does.
+    or y, or more of the position than its height, which are polynomials only on paths in world axes. `shape` means that
+    it does not depend on the timing. `stop` is how it is proved next to a stop, "path", "direction", "component" or
+    "shape" (see `design.proof.route_segments`). The quantity exists where all `guards` are satisfied. `zero_at_rest`
+    means that it tends to zero if all derivatives of the path are multiplied by a factor that does.
     """
 
     formula: Product | None = field(compare=False)
     in_si: bool = True
     world: bool = True
-    position: bool = True
     shape: bool = False
     stop: str = "path"
     guards: tuple[Guard, ...] = ()
@@ -52,8 +52,13 @@ class OwnFacts:
 
 def vectors_of(formula: Product) -> set[Basic]:
     """Return the derivatives and cross products in a formula."""
+    return vectors_in(formula.factors())
+
+
+def vectors_in(factors: Iterable[Factor]) -> set[Basic]:
+    """Return the derivatives and cross products in factors."""
     found: set[Basic] = set()
-    rest = [v for f in formula.factors() for v in f.vectors]
+    rest = [v for f in factors for v in f.vectors]
     while rest:
         basic = rest.pop()
         found.add(basic)
@@ -71,9 +76,15 @@ def axes_of(formula: Product) -> set[int]:
     return {2 if f.kind == "level" else f.parts[1] for f in formula.factors() if f.kind in ("component", "level")}
 
 
+def only_height(formula: Product) -> bool:
+    """Return whether a formula contains nothing of the position but its vertical component."""
+    height = Factor("component", (POSITION, 2))
+    return not any(POSITION in vectors_in([f]) for f in formula.factors() if f != height)
+
+
 def is_shape(formula: Product) -> bool:
     """Return whether a formula has the same values for all timings of a path."""
-    return formula.degree(lambda f: _weight(f, velocity=1, cross=3, triple=6)) == 0
+    return formula.degree(lambda f: _weight(f, velocity=1, cross=3, triple=6, position=0)) == 0
 
 
 def is_zero_at_rest(formula: Product) -> bool:
@@ -85,7 +96,9 @@ def stop_of(formula: Product, shape: bool) -> str:
     """Return how a quantity with a divisor is proved next to a stop; see `OwnFacts`."""
     if formula.degree(lambda f: _weight(f, velocity=1, cross=2, triple=3)) == 0:
         return "direction"
-    if POSITION not in vectors_of(formula) and formula.degree(_velocities) == 0:
+    if POSITION in vectors_of(formula):  # only the sources of whole segments contain the position
+        return "path"
+    if formula.degree(_velocities) == 0:
         return "component"
     return "shape" if shape else "path"
 
@@ -103,11 +116,11 @@ def divisor_of(formula: Product) -> tuple[str | None, list[Factor]]:
     return name, [f for f in divisors if f not in named]
 
 
-def _weight(f: Factor, velocity: int, cross: int, triple: int) -> Fraction | None:
+def _weight(f: Factor, velocity: int, cross: int, triple: int, position: int | None = None) -> Fraction | None:
     """Return the power of a factor by which a factor of the velocity multiplies it; None if there is no such power."""
     if f.kind == "dot" and f.parts == (CROSS, JERK):
         return Fraction(triple)
-    known = {VELOCITY: velocity, CROSS: cross}
+    known = {VELOCITY: velocity, CROSS: cross} | ({} if position is None else {POSITION: position})
     return Fraction(sum(known[v] for v in f.vectors)) if all(v in known for v in f.vectors) else None
 
 

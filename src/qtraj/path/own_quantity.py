@@ -21,6 +21,7 @@ from qtraj.path.own_facts import (
     divisor_of,
     is_shape,
     is_zero_at_rest,
+    only_height,
     order_of,
     stop_of,
     vectors_of,
@@ -133,11 +134,11 @@ class Quantity:
         divisor, divisors = divisor_of(f)
         every = [Guard(x, True, _exponents(x)) for x in divisors]
         every += [Guard(x, False, _exponents(x)) for x in f.radicands()]
-        shape, position, axes = is_shape(f), POSITION in vectors_of(f), axes_of(f)
+        shape, axes = is_shape(f), axes_of(f)
         singular = divisor is not None or bool(every)
-        world = position or bool(axes & {0, 1})
+        world = bool(axes & {0, 1}) or not only_height(f)
         stop = stop_of(f, shape) if singular else "path"
-        facts = OwnFacts(f, exponents is None, world, position, shape, stop, tuple(every), is_zero_at_rest(f))
+        facts = OwnFacts(f, exponents is None, world, shape, stop, tuple(every), is_zero_at_rest(f))
         parameters = {x.parts[0] for x in f.factors() if x.kind == "parameter"}
         needs = WHEELBASE if "wheelbase" in parameters else PARAMETERS if parameters else ""
         magnitude = PathQuantity(
@@ -152,6 +153,7 @@ class Quantity:
             divisor=divisor,
             upright=2 in axes,
             needs=needs,
+            position=POSITION in vectors_of(f),
             own=facts,
         )
         if f.positive:
@@ -180,6 +182,7 @@ class Quantity:
             meaning or name,
             numerator=lambda i: squared(value(i)),
             needs=PARAMETERS if _uses_vehicle(function) else "",
+            position=True,
             own=OwnFacts(None),
         )
         return _with_component(magnitude, Component(magnitude.meaning, value, None, value))

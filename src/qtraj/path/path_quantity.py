@@ -67,8 +67,9 @@ class PathQuantity:
     Proofs and searches use the ratio and the tangents of limits; `squared` and `value` are those of the angle.
 
     `component` describes the signed value, if the quantity is its magnitude. A side of a limit (see `sides`) has the
-    name of the limited quantity in `base`; if `lower` is set, the limit is a lower bound. `own` contains the
-    `own_facts.OwnFacts` of a quantity that is defined by a user's function.
+    name of the limited quantity in `base`; if `lower` is set, the limit is a lower bound. `position` indicates formulas
+    that contain the position, whose derivative of order 0 is `Invariants.r[0]`. `own` contains the `own_facts.OwnFacts`
+    of a quantity that is defined by a user's function.
     """
 
     name: str
@@ -94,6 +95,7 @@ class PathQuantity:
     lower: bool = False
     gravity: bool = False
     tangent_of: int = 0
+    position: bool = False
     own: Any = None
 
     @property
@@ -143,9 +145,21 @@ class PathQuantity:
 
     def in_world(self, vehicle: Any) -> bool:
         """Return whether the formulas need world axes; `vehicle` contains the `RoadParameters`, or is None."""
-        if self.own is not None:
-            return self.own.world
-        return self.needs == VEHICLE and vehicle is not None and vehicle.axis is not None
+        return self.of_world or self.about_axis(vehicle)
+
+    def about_axis(self, vehicle: Any) -> bool:
+        """Return whether the formulas contain the axis of the road of a vehicle (see `in_world`)."""
+        return self.needs == VEHICLE and self.own is None and vehicle is not None and vehicle.axis is not None
+
+    @property
+    def of_world(self) -> bool:
+        """Whether the formulas contain the position, or components in world axes."""
+        return self.position or (self.own is not None and self.own.world)
+
+    @property
+    def of_position(self) -> bool:
+        """Whether the quantity depends on the position alone, as the height does."""
+        return self.position and self.order == 0
 
     @property
     def of_shape(self) -> bool:

@@ -28,6 +28,9 @@ from qtraj.viz.uncertainty_figure import PALE, WIDE
 
 PANEL, MAP = 1.05, 4.6  # heights [inch]
 LEFT = 0.105
+HEIGHT = "height"
+"""The first panel, also without a limit on the height."""
+
 LATERAL = "to the left\nof before"
 """Label of the lateral distance of the path after a tuning from the path before."""
 
@@ -43,11 +46,13 @@ def route_figure(dataset: Any, limits: Limits | None = None) -> Figure:
     **Raises:** ValueError for a dataset without paths, or an object of any other type.
     """
     dataset = path_samples(dataset)
+    if HEIGHT not in dataset:  # a stored dataset may be older than this output
+        dataset = dataset.assign({HEIGHT: dataset["position"].isel(world=2, drop=True)})
     path = dataset.isel(path=-1)
     limited = limited_variables(path)
     before = _before(dataset)
     road = road_panels(dataset)
-    panels = ["height", *dict.fromkeys(["speed", *limited]), *road, *([] if before is None else [LATERAL])]
+    panels = [*dict.fromkeys([HEIGHT, "speed", *limited]), *road, *([] if before is None else [LATERAL])]
     with mpl.rc_context(RC):
         band = BAND if title(dataset) else 0.0
         height = MAP + PANEL * len(panels) + 0.5 + band
@@ -146,7 +151,7 @@ def _draw_panel(
         _draw_band(axes, earlier, distance(earlier) / scale, name, COLOURS["before"])
     axes.plot(way, values, color=COLOURS["after"], lw=1.0, label="after")
     _draw_band(axes, path, way, name, COLOURS["after"])
-    limits = [] if name == "height" else limits_of(path[name])
+    limits = limits_of(path[name])
     for limit in limits:
         axes.axhline(limit, **BOUND, label=f"limit {limit:.4g}")
     lower, upper = (_bound(path, name, x, absent) for x, absent in (("lower_limit", -np.inf), ("limit", np.inf)))
@@ -155,20 +160,20 @@ def _draw_panel(
     if np.isfinite(lower).any() or np.isfinite(upper).any():
         broken = (values > upper) | (values < lower)
         axes.plot(way, np.where(broken, values, np.nan), color=MARK, lw=1.4)
-    cut = None if name == "height" else spike([values])
+    cut = None if name == HEIGHT else spike([values])
     if cut is not None:
         top = max([cut[0], *(1.3 * abs(limit) for limit in limits)])
         axes.set_ylim(max(-top, min(0.0, float(np.min(values)))), top)
-    unit = "m" if name == "height" else symbol(path[name].attrs["units"])
+    unit = symbol(path[name].attrs["units"])
     _finish(axes, f"{name.replace('_magnitude', '').replace('_', ' ')}\n[{unit or '-'}]")
 
 
 def _draw_band(axes: Any, path: xarray.Dataset, way: np.ndarray, name: str, colour: str) -> None:
     """Draw two standard deviations on both sides of a quantity, where they are known."""
-    own = f"{'position' if name == 'height' else name}_sigma"
+    own = f"{'position' if name == HEIGHT else name}_sigma"
     if own not in path or not np.isfinite(path[own].values).any():
         return
-    width = WIDE * (path[own].values[:, 2] if name == "height" else path[own].values)
+    width = WIDE * (path[own].values[:, 2] if name == HEIGHT else path[own].values)
     values = _values(path, name)
     axes.fill_between(way, values - width, values + width, color=colour, alpha=PALE, lw=0)
 
@@ -181,14 +186,12 @@ def _draw_lateral(axes: Any, path: xarray.Dataset, before: xarray.Dataset, way: 
 
 def _bound(path: xarray.Dataset, name: str, attribute: str, absent: float) -> Any:
     """Return the limit on a variable, also at each sample; `absent` without a limit."""
-    if name == "height":
-        return absent
     own = f"{name}_{attribute}"
     return path[own].values if own in path else float(path[name].attrs.get(attribute, absent))
 
 
 def _values(path: xarray.Dataset, name: str) -> np.ndarray:
-    return path["position"].values[:, 2] if name == "height" else bounded_values(name, path[name].values)
+    return bounded_values(name, path[name].values)
 
 
 def _finish(axes: Any, label: str) -> None:

@@ -47,7 +47,7 @@ def _values(entry: PathQuantity, segments: Segments, road: RoadParameters | None
     own = entry.own
     if own is not None and _undefined(entry, own):
         return np.full(rows.size, np.nan)
-    if own is None or own.zero_at_rest or not (own.in_si or own.position or entry.needs):
+    if not _has_constant(entry):
         return np.zeros(rows.size)
     zeros = np.zeros(rows.size)
     origin = np.zeros(3) if segments.origin is None else segments.origin
@@ -66,4 +66,12 @@ def _undefined(entry: PathQuantity, own: OwnFacts) -> bool:
     if any(guard.divisor for guard in own.guards) or (entry.divisor is not None and own.stop == "path"):
         return True
     singular = entry.divisor is not None or bool(own.guards)
-    return singular and not own.zero_at_rest and bool(own.in_si or own.position or entry.needs)
+    return singular and _has_constant(entry)
+
+
+def _has_constant(entry: PathQuantity) -> bool:
+    """Return whether a quantity may differ from zero at rest although only gravity acts."""
+    own = entry.own
+    if own is None:
+        return entry.position
+    return not own.zero_at_rest and bool(own.in_si or entry.position or entry.needs)

@@ -63,7 +63,7 @@ class _Task:
 
     def __init__(self, source: Source, limits: Sequence[Limit], vehicle: Any, window: Window | None, end: Any):
         entries = [limit.entry for limit in limits]
-        positioned = any(x.own is not None and x.own.position for x in entries)
+        positioned = any(x.position for x in entries)
         self.source = source.positioned() if positioned else source
         self.vehicle, self.window, self.end = vehicle, window, end
         self.work = MAX_WORK if end is None else LITTLE_WORK
@@ -96,10 +96,9 @@ class _Task:
 
     def _provable(self, entry: PathQuantity) -> np.ndarray:
         """Return for which paths limits on a quantity can be proved."""
-        has_axes = self.source.in_world or not entry.in_world(self.vehicle)
-        provable = self.source.provable(entry.upright) & has_axes
-        own = entry.own
-        return provable if own is None else provable & (own.formula is not None and self.source.proves(own))
+        known = self.source.proves(entry) and (entry.own is None or entry.own.formula is not None)
+        known = known and (self.source.in_world or not entry.about_axis(self.vehicle))
+        return self.source.provable(entry.upright) & known
 
     def _states(self, entry: PathQuantity, provable: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Return the states of the divisors of a quantity, see `_divisor`."""

@@ -17,10 +17,10 @@ IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 def polynomial_arrays(path: AbstractHodograph) -> tuple[Any, ...] | None:
-    """Return x, y, z, angle, duration and orientation of a batch of polynomial paths, or None for other paths.
+    """Return x, y, z, angle, duration, orientation, origin of a batch of polynomial paths, or None for other paths.
 
-    The batch axes come first. The first four are the coefficients of `MovingPolynomials`, and the orientation (4,) is
-    the quaternion of the placement.
+    The batch axes come first. The first four are the coefficients of `MovingPolynomials`, and the orientation (4,) and
+    the origin (3,) are the quaternion and the origin of the placement.
     """
     batch = path.duration.shape
     function: Any = lambda path: path.polynomials()  # noqa: E731
@@ -30,14 +30,18 @@ def polynomial_arrays(path: AbstractHodograph) -> tuple[Any, ...] | None:
     if found is None:
         return None
     y = np.zeros((*batch, 1)) if found.y is None else found.y
-    orientation = np.broadcast_to(IDENTITY, (*batch, 4)) if found.placement is None else found.placement.orientation
-    return found.x, y, found.z, found.angle, path.duration, orientation
+    placed = found.placement
+    if placed is None:
+        placement = np.broadcast_to(IDENTITY, (*batch, 4)), np.zeros((*batch, 3))
+    else:
+        placement = placed.orientation, placed.origin
+    return found.x, y, found.z, found.angle, path.duration, *placement
 
 
 def source_of(arrays: Sequence[np.ndarray]) -> PolynomialSource:
     """Return the source of n paths, whose `polynomial_arrays` have one batch axis."""
-    x, y, z, angle, duration, orientation = (np.asarray(a, float) for a in arrays)
-    return polynomial_source(x, y if y.any() else None, z, angle, duration, orientation)
+    x, y, *others = (np.asarray(a, float) for a in arrays)
+    return polynomial_source(x, y if y.any() else None, *others)
 
 
 def curve_source(path: AbstractHodograph) -> Source:

@@ -19,7 +19,7 @@ from qtraj.algebra.polynomial import horner, taylor_terms
 from qtraj.algebra.sparse import add, is_zero, mul, sub
 from qtraj.path.components import Triple, rotated_z
 from qtraj.path.moving_basis import in_moving_basis
-from qtraj.path.own_facts import OwnFacts
+from qtraj.path.path_quantity import PathQuantity
 
 Columns = Float[np.ndarray, " n"]
 Instants = Float[np.ndarray, "k n"]
@@ -72,12 +72,12 @@ class Source(abc.ABC):
         """Return the derivatives up to `order` of path k as `ExactPolynomial`s, in metres; see `Derivatives.span`."""
         raise ValueError(f"path {k} is not polynomial")
 
-    def proves(self, facts: OwnFacts) -> bool:
-        """Return whether the polynomials of a quantity of one's own are known."""
-        return not facts.world
+    def proves(self, entry: PathQuantity) -> bool:
+        """Return whether the polynomials of a quantity are known."""
+        return not entry.of_world
 
     def positioned(self) -> Source:
-        """Return the source whose derivatives contain the position, if it is known."""
+        """Return the source whose derivatives contain the position, or its height, if it is known."""
         return self
 
 
@@ -85,7 +85,7 @@ class PolynomialSource(Source):
     """Paths R_z(φ)·(x, y, z), where x, y, z and φ are polynomials in the time t; `y` and `angle` may be None for zero.
 
     The coefficients (terms, n) are in ascending order. `vertical` (n, 3) is the vertical in the axes of the placement;
-    None means the third axis. Positions are relative to `origin` (3,); None is zero.
+    None means the third axis. Positions are relative to `origin` (3,) or (n, 3), in world axes; None is zero.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class PolynomialSource(Source):
         angle: Float[np.ndarray, "_ n"] | None,
         duration: Columns,
         vertical: Float[np.ndarray, "n 3"] | None = None,
-        origin: Float[np.ndarray, " 3"] | None = None,
+        origin: Float[np.ndarray, "*n 3"] | None = None,
     ):
         self.duration, self.vertical = duration, vertical
         self._azimuth = 0.0 if angle is None else angle[0]
@@ -109,21 +109,20 @@ class PolynomialSource(Source):
             self.length = power_of_two(np.max(sizes, axis=0))
             self._scaled = [None if c is None else c / self.length for c in scaled[:3]] + scaled[3:]
         self._in_world, self._whole, self._position = angle is None and vertical is None, (x, y, z), False
-        self._origin = np.zeros(3) if origin is None else np.asarray(origin, float)
+        self._origin = np.broadcast_to(np.zeros(3) if origin is None else np.asarray(origin, float), (self.count, 3)).T
 
     @property
     def in_world(self) -> bool:
         """Whether the derivatives are in world axes."""
         return self._in_world
 
-    def proves(self, facts: OwnFacts) -> bool:
-        """Return whether the path is polynomial in world axes if the quantity is computed in them."""
-        return self._in_world or not facts.world
+    def proves(self, entry: PathQuantity) -> bool:
+        """Return whether the path is polynomial in world axes if the quantity is computed from components in them."""
+        return self._in_world or entry.own is None or not entry.own.world
 
     def positioned(self) -> PolynomialSource:
-        """Return the same source with the position."""
-        if self._in_world:
-            self._position = True
+        """Return the same source with the position; of paths that are not in world axes, only its height is right."""
+        self._position = True
         return self
 
     def provable(self, upright: bool) -> Bool[np.ndarray, " n"]:
@@ -138,9 +137,13 @@ class PolynomialSource(Source):
         rows = in_moving_basis(x, y, z, angle)
         zero = np.zeros_like(u)
         rows = [None, *(tuple(zero if is_zero(c) else c + zero for c in row) for row in rows[1:])]
+        up = self._up(u)
         if self._position:
-            rows[0] = tuple(horner([*c], u) + zero + x.c[0] for c, x in self._scaled_position())  # type: ignore[call-overload]
-        return Derivatives(rows, up=self._up(u))
+            own, origin = self._scaled_position()
+            if not self._in_world:
+                origin = [x * origin[2] for x in up or (0.0, 0.0, 1.0)]
+            rows[0] = tuple(horner([*c], u) + zero + x for c, x in zip(own, origin, strict=True))  # type: ignore[call-overload]
+        return Derivatives(rows, up=up)
 
     def bounded(self, order: int) -> Derivatives:
         """Return the derivatives as bounded polynomials, with the units `length` and `duration`."""
@@ -150,29 +153,34 @@ class PolynomialSource(Source):
         if np.any(signs < 0):
             rows = [None, *((r[0], _signed(r[1], signs), _signed(r[2], signs)) for r in rows[1:])]
         if self._position:
-            rows[0] = tuple(BoundedPolynomial(c, k=2 * len(c) + 2) + x for c, x in self._scaled_position())
+            x, y, z = (
+                BoundedPolynomial(c, k=2 * len(c) + 2) + BoundedPolynomial.constant(shift, k=1)
+                for c, shift in zip(*self._scaled_position(signs), strict=True)
+            )
+            rows[0] = x, y, z
         return Derivatives(rows)
 
     def exact(self, k: int, order: int) -> Derivatives:
         """Return the derivatives of path k as exact polynomials in the time, from the stored coefficients."""
         x, y, z, angle = (0 if c is None else ExactPolynomial.from_floats(c[:, k]) for c in self._given)
         rows = moving_derivatives(x, y, z, angle, order)
-        if self._signs()[k] < 0:
+        sign = self._signs()[k]
+        if sign < 0:
             rows = [None, *((r[0], -r[1], -r[2]) for r in rows[1:])]
         if self._position:
-            rows[0] = tuple(
-                ExactPolynomial.from_floats(c[:, k]) + float(x) for c, x in zip(self._axes(), self._origin, strict=True)
-            )
+            x, y, z = (ExactPolynomial.from_floats(c[:, k]) for c in self._axes())
+            own = x, y, z if sign > 0 else -z
+            rows[0] = tuple(p + float(shift) for p, shift in zip(own, self._origin[:, k], strict=True))
         return Derivatives(rows, span=float(self.duration[k]))
 
     def _axes(self) -> list[Float[np.ndarray, "_ n"]]:
-        """Return the coefficients of the position relative to the origin."""
+        """Return the coefficients of the position relative to the origin, in the axes of the placement."""
         return [np.zeros((1, self.count)) if c is None else c for c in self._whole]
 
-    def _scaled_position(self) -> list[tuple[Float[np.ndarray, "_ n"], BoundedPolynomial]]:
-        """Return the same in the unit of length, and the origin."""
-        origin = [BoundedPolynomial.constant(x / self.length, k=1) for x in self._origin]
-        return [(c * powers(self.duration, len(c)) / self.length, x) for c, x in zip(self._axes(), origin, strict=True)]
+    def _scaled_position(self, signs: Any = 1.0) -> tuple[list[Float[np.ndarray, "_ n"]], list[Any]]:
+        """Return the same in the units `length` and `duration`, the third with `signs`, and the origin (3, n)."""
+        x, y, z = (c * powers(self.duration, len(c)) / self.length for c in self._axes())
+        return [x, y, signs * z], [*(self._origin / self.length)]
 
     def _signs(self) -> np.ndarray:
         """Return −1 where the axis points down: a half turn about x makes the third axis point up."""
@@ -188,11 +196,17 @@ class PolynomialSource(Source):
 
 
 def polynomial_source(
-    x: np.ndarray, y: Any, z: np.ndarray, angle: np.ndarray, duration: np.ndarray, orientation: np.ndarray | None
+    x: np.ndarray,
+    y: Any,
+    z: np.ndarray,
+    angle: np.ndarray,
+    duration: np.ndarray,
+    orientation: np.ndarray,
+    origin: np.ndarray,
 ) -> PolynomialSource:
-    """Return the source of n paths from their coefficients (n, terms) and the orientations (n, 4) of their axes."""
-    vertical = None if orientation is None else _local_vertical(orientation)
-    return PolynomialSource(x.T, None if y is None else y.T, z.T, angle.T, duration, vertical)
+    """Return the source of n paths from coefficients (n, terms), orientations (n, 4) and origins (n, 3)."""
+    y = None if y is None else y.T
+    return PolynomialSource(x.T, y, z.T, angle.T, duration, _local_vertical(orientation), origin)
 
 
 def _local_vertical(q: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 3"] | None:

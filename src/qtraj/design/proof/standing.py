@@ -19,7 +19,7 @@ from qtraj.algebra.exact import ExactPolynomial
 from qtraj.algebra.polynomial import horner
 from qtraj.algebra.sparse import is_one, mul
 from qtraj.design.proof.sources import Derivatives, Instants, Source, power_of_two
-from qtraj.path.own_facts import OwnFacts
+from qtraj.path.path_quantity import PathQuantity
 from qtraj.path.stops import Segments
 
 ZERO = 64 * float(np.finfo(float).eps)
@@ -56,9 +56,10 @@ class DirectedSource(Source):
         """Return all segments."""
         return np.ones(self.count, bool)
 
-    def proves(self, facts: OwnFacts) -> bool:
+    def proves(self, entry: PathQuantity) -> bool:
         """Return whether a quantity contains no numbers with a unit, and the position is known if it contains that."""
-        return not facts.in_si and (self._positions is not None or not facts.position)
+        in_si = entry.own is not None and entry.own.in_si
+        return not in_si and (self._positions is not None or not entry.position)
 
     def positioned(self) -> DirectedSource:
         """Return the same source with the position, if it is known."""

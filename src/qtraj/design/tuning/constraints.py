@@ -34,6 +34,10 @@ ABSENT, TOO_MUCH = -1e3, 1e3
 """The constraint values of a quantity that is zero or negative, and of a quantity that is infinite."""
 
 
+MARGIN = 4e-9
+"""The largest margin of limits on heights, in the middle of a path; other limits have theirs in `targets`."""
+
+
 class Place(NamedTuple):
     """Taylor coefficients of ρ, φ and h in u at instants, from order 0 upwards; identically zero ones are 0."""
 
@@ -48,7 +52,8 @@ class Units(NamedTuple):
     `length` is L [m], `log_duration` is ln T, `up` is the vertical in the axes of the placement, or None if it is the
     third axis, and `reference` contains the cubics of the initial path. `road` contains the parameters of the vehicle.
     `limits` are the limits in the order of the names. `axes` are the origin and the axes of the placement in the world,
-    which only obstacles need.
+    which only obstacles need. `base` is the height of the origin of the placement [m], or None if no limit contains the
+    position.
     """
 
     length: Any
@@ -59,6 +64,7 @@ class Units(NamedTuple):
     limits: Mapping[str, Any]
     clearances: Clearances | None = None
     axes: tuple[Any, ...] | None = None
+    base: Any = None
 
 
 @dataclass(frozen=True)
@@ -86,7 +92,8 @@ def units(problem: Formulas, z: Any, limits: Mapping[str, Any], level: bool) -> 
     length = problem.speed * problem.duration
     own, road, reference = problem.clearances, problem.road, problem.cubics(problem.zero)
     axes = None if own is None else clearances.axes_of(problem.placement)
-    return Units(length, duration, up, road, reference, limits, own, axes)  # type: ignore[arg-type]
+    base = problem.placement.origin[..., 2] if any(quantity(name).position for name in limits) else None
+    return Units(length, duration, up, road, reference, limits, own, axes, base)  # type: ignore[arg-type]
 
 
 def order_of(names: Sequence[str]) -> int:
@@ -112,7 +119,15 @@ def invariants(at: Place, by: Units) -> Invariants:
     if by.up is not None:
         angle = at.angle[0]
         up = rotated_z(by.up, cos(angle), -sin(angle))
+    if by.base is not None:
+        r[0] = _with_height(r[0], up, by.base * inverse)
     return Invariants(r, up, road, sqrt)
+
+
+def _with_height(position: Any, up: Any, base: Any) -> Any:
+    """Return a vector from the origin of the placement, moved vertically by the height `base` of this origin."""
+    x, y, z = position
+    return (x, y, z + base) if up is None else (x + up[0] * base, y + up[1] * base, z + up[2] * base)
 
 
 def value(name: str, at: Place, i: Invariants, by: Units, u: Any) -> Any:
@@ -123,6 +138,14 @@ def value(name: str, at: Place, i: Invariants, by: Units, u: Any) -> Any:
     if name == CORRIDOR.name:
         return _log_ratio(_squared_distance(at, by, u), None) * 0.5 - log(by.limits[name])
     entry = own.entry
+    if entry.of_position:
+        return _limit_value(own, i, by) + (4 * MARGIN) * (u * (1.0 - u))
+    return _limit_value(own, i, by)
+
+
+def _limit_value(own: _Entry, i: Invariants, by: Units) -> Any:
+    """Return the constraint value of a limit on a quantity."""
+    entry, name = own.entry, own.entry.name
     if entry.bounds_side:
         return _side_value(own, i, by)
     g = _log_ratio(entry.numerator(i), None if entry.denominator is None else entry.denominator(i))

@@ -56,8 +56,8 @@ class Formulas:
     weights: Any
     heading_fixed: Any
     vertical: Any
-    road: Any
     placement: Any
+    road: Any
     clearances: Clearances | None
     motion: AbstractMotion
     objective: AbstractObjective

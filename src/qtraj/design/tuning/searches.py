@@ -87,6 +87,7 @@ def taken(units: Units, index: Int[np.ndarray, " points"]) -> Units:
         {name: limit[index] for name, limit in units.limits.items()},
         units.clearances,
         None if units.axes is None else tuple(x[index] for x in units.axes),
+        None if units.base is None else units.base[index],
     )
 
 

@@ -44,8 +44,13 @@ def search_limits(limits: Limits, corridor: Any, count: int, clearances: Iterabl
 
 
 def target(name: str, limits: Mapping[str, Any]) -> Any:
-    """Return the limit that a search uses, so that rounding errors cannot violate the given one of `limits`."""
+    """Return the limit that a search uses, so that rounding errors cannot violate the given one of `limits`.
+
+    A height has its margin in `constraints`, because a stricter limit would exclude an end exactly at the limit.
+    """
     entry, limit = quantity(name), limits[name]
+    if entry.of_position:
+        return limit
     if entry.bounds_side:
         return one_sided.stricter(name, limits, 1 - TARGET_RATIO)
     wanted = limit / TARGET_RATIO if entry.lower else TARGET_RATIO * limit
@@ -59,7 +64,9 @@ def given(limits: Mapping[str, Any]) -> dict[str, Any]:
         if names_obstacle(name):
             continue
         entry = quantity(name)
-        if entry.bounds_side:
+        if entry.of_position:
+            found[name] = limit
+        elif entry.bounds_side:
             found[name] = one_sided.stricter(name, limits, TARGET_RATIO - 1)
         else:
             found[name] = limit * TARGET_RATIO if entry.lower else limit / TARGET_RATIO

@@ -11,6 +11,7 @@ from qtraj.design.ellipse import OfSpeed
 from qtraj.design.limits import Limits, require_limits
 from qtraj.design.own_limits import require_reduced
 from qtraj.design.proof.certificate import require_float64
+from qtraj.design.tuning_route.scales import is_shifted
 from qtraj.foundation.argument import described
 from qtraj.foundation.arrays import concrete, is_traced
 from qtraj.path.quantity import bound_speed, quantity
@@ -43,8 +44,13 @@ def limited(limits: Limits, objective: str) -> tuple[str, ...]:
             )
     require_suitable(tuple(bounds), objective)
     for name, bound in bounds.items():
-        known = concrete(numbers(bound))
-        if quantity(name).bounds_side and known is not None and not (quantity(name).side * known > 0).all():
+        known, shifted = concrete(numbers(bound)), is_shifted(name) and not limits.varying
+        if (
+            not shifted
+            and quantity(name).bounds_side
+            and known is not None
+            and not (quantity(name).side * known > 0).all()
+        ):
             raise ValueError(
                 f"tune_route needs two-sided limits that allow zero, with a lower bound below and an upper bound above "
                 f"it, but {name} = {known.tolist()} was given"

@@ -44,15 +44,14 @@ def require_possible(route: Route, limits: Limits, held: np.ndarray) -> None:
                     )
 
 
-def with_obstacles(problem: RouteProblem, starts: np.ndarray, own: tuple[Clear, ...]) -> RouteProblem:
+def with_obstacles(problem: RouteProblem, own: tuple[Clear, ...]) -> RouteProblem:
     """Return the problem with the constraints, whose names the problem contains already.
 
-    `starts` (n, 3) [m] are the positions of the starts of the segments. Obstacles that no route within the tube reaches
-    are not used.
+    Obstacles that no route within the tube reaches are not used.
     """
     if not own:
         return problem
-    problem = problem._replace(clear=own, origins=starts.T)
+    problem = problem._replace(clear=own)
     used, position = problem.used.copy(), _positions(problem, np.zeros(problem.free.shape))
     width = np.sqrt(problem.fine_tube.sum(axis=0).max(axis=0))
     chord = np.linalg.norm(np.diff(position, axis=1), axis=0).max(axis=0)

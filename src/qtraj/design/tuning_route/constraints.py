@@ -2,8 +2,8 @@
 
 The constraint for a limit is (value/limit)² ≤ margin. The margin (at most 1) accounts for larger values between the
 nodes. For a limit on one side of a signed value, it is value/limit ≤ margin, and for a lower bound on a quantity that
-is never negative (limit/value)² ≤ margin. The tube bounds the horizontal and the vertical distance from the original
-path at equal fractions of a segment.
+is never negative (limit/value)² ≤ margin. A limit on the height is shifted (see `scales`). The tube bounds the
+horizontal and the vertical distance from the original path at equal fractions of a segment.
 
 The limits are formulas of r', r'' and r''', the derivatives of the path with respect to u = t/h. The square of a
 quantity is proportional to h⁻²ᵖ, where p is the power of 1/s in its unit, which gives its derivatives with respect to
@@ -46,17 +46,13 @@ def _is_signed(entry: PathQuantity) -> bool:
     return entry.signed is not None
 
 
-def tangents(names: tuple[str, ...], bounds: Float[Any, " limits"]) -> Float[Any, " limits"]:
-    """Return the limits on the ratios of the quantities: tangents for angles."""
-    if not any(quantity(name).tangent_of for name in names):
-        return bounds
-    return xp.stack([quantity(name).tangent(bounds[k]) for k, name in enumerate(names)])
-
-
 def relative(
-    names: tuple[str, ...], values: Float[np.ndarray, "limits n"], bounds: Float[np.ndarray, "limits n"]
+    names: tuple[str, ...],
+    values: Float[np.ndarray, "limits n"],
+    bounds: Float[np.ndarray, "limits n"],
+    shifts: Float[np.ndarray, " limits"] | None = None,
 ) -> Any:
-    """Return the square roots of the constraints for values of the quantities; `bounds` are the magnitudes of limits.
+    """Return the square roots of the constraints for values of the quantities; `shifts` are those of the problem.
 
     A value on the other side of zero than the limit counts as zero. For an obstacle, the result is about 1 plus the
     depth [m] to which the body enters.
@@ -67,9 +63,10 @@ def relative(
             found[k] = 1.0 + np.maximum(-values[k], 0.0)
             continue
         entry = quantity(name)
-        side = entry.side if entry.bounds_side else 1
-        ratio = np.asarray(entry.tangent(values[k])) / np.asarray(entry.tangent(bounds[k]))
-        found[k] = np.maximum(side * ratio, 0.0) ** (0.5 * _power(name))
+        side, shift = entry.side if entry.bounds_side else 1, 0.0 if shifts is None else shifts[k]
+        limit = entry.side * bounds[k] + shift if shift else np.abs(bounds[k])
+        ratio = (side * np.asarray(entry.tangent(values[k])) + shift) / np.asarray(entry.tangent(limit))
+        found[k] = np.maximum(ratio, 0.0) ** (0.5 * _power(name))
     return found
 
 
@@ -83,25 +80,33 @@ def units(problem: RouteProblem, h: Float[Any, " n"], nodes: int) -> Float[Any, 
     return times[:, None] * squares ** (-0.5 * powers)[:, None, None]
 
 
-def ratios(names: tuple[str, ...], r: Any, road: Any = None, h: Any = None) -> list[Any]:
+def ratios(
+    names: tuple[str, ...], r: Any, road: Any = None, h: Any = None, shifts: Any = None, first: int = 1
+) -> list[Any]:
     """Return the square in the constraint of each limit for the derivatives r', r'', … in the array or list `r`.
 
     The components of each derivative follow each other. They are arrays or jets. `road` contains the parameters of the
-    vehicle and its road, one after the other, if a limit depends on them, and `h` is the duration.
+    vehicle and its road, one after the other, if a limit depends on them, and `h` is the duration. If `first` is 0, the
+    position is the first of the derivatives.
     """
     vehicle = None
     if road is not None:
         vehicle = RoadParameters(*road)
         vehicle = vehicle._replace(gravity=h * h * vehicle.gravity)
     rows = [(r[k], r[k + 1], r[k + 2]) for k in range(0, len(r), 3)]
-    i = Invariants([None, *rows], None, vehicle, root=sqrt)
-    return [_ratio(quantity(name), i) for name in names]
+    i = Invariants([*[None] * first, *rows], None, vehicle, root=sqrt)
+    return [_ratio(quantity(name), i, 0.0 if shifts is None else shifts[k]) for k, name in enumerate(names)]
 
 
-def _ratio(entry: PathQuantity, i: Invariants) -> Any:
+def contain_position(names: tuple[str, ...]) -> bool:
+    """Return whether the constraint of one of these limits contains the position."""
+    return any(names_obstacle(name) or quantity(name).position for name in names)
+
+
+def _ratio(entry: PathQuantity, i: Invariants, shift: Any) -> Any:
     above, below = entry.numerator(i), 1.0 if entry.denominator is None else entry.denominator(i)
     if _is_signed(entry):
-        return entry.side * above / below
+        return entry.side * above / below + shift
     return below / above if entry.lower else above / below
 
 
@@ -113,12 +118,12 @@ def road_at(problem: RouteProblem, nodes: int) -> Any:
 
 
 def derivatives(problem: RouteProblem, ends: Float[Any, "6 3 n"], fine: bool = False) -> Float[Any, "q nodes n"]:
-    """Return the derivatives with respect to u at the nodes, component by component; with obstacles, r is the first."""
+    """Return the derivatives with respect to u at the nodes, component by component; the first may be r."""
     order = order_of(problem.names)
     rows = basis.rows(order + 1 - problem.first, problem.first, fine, problem.dense)
     found = matmul(rows.reshape(-1, 6), ends.reshape(6, -1)).reshape(len(rows), rows.shape[1], 3, -1)
     found = xp.moveaxis(found, 2, 1).reshape(3 * len(rows), rows.shape[1], -1)
-    if problem.clear:
+    if not problem.first:
         found = xp.concatenate([found[:3] + problem.origins[:, None], found[3:]])
     return found
 
@@ -167,7 +172,7 @@ def _values(problem: RouteProblem, s: Segments, fine: bool) -> Float[Any, "const
     if problem.dense:
         r = in_time(r, problem.fine_rates if fine else problem.rates, problem.first)
     names = problem.names[: len(problem.names) - len(problem.clear)]
-    found = ratios(names, r[3:] if problem.clear else r, road_at(problem, r.shape[1]), s.h[None])
+    found = ratios(names, r, road_at(problem, r.shape[1]), s.h[None], problem.shifts, problem.first)
     for k, clear in enumerate(problem.clear):
         own, on = np.zeros(r.shape[1:]), np.flatnonzero(problem.reached[k])
         own[:, on] = clear.value(*(tuple(r[j : j + 3][..., on]) for j in (0, 3)))
@@ -233,9 +238,9 @@ def expand(
     mixed, twice = np.zeros(r.shape), np.zeros(at_nodes)
     power, own = time_powers(problem.names), problem.road is not None
     numbers = coordinates(np.concatenate([r, np.broadcast_to(s.h, (1, *at_nodes))]) if own else r)
-    first = 3 if problem.clear else 0
     names = problem.names[: len(problem.names) - len(problem.clear)]
-    found = ratios(names, numbers[first:q], road_at(problem, r.shape[1]), numbers[q] if own else None)
+    road, h = road_at(problem, r.shape[1]), numbers[q] if own else None
+    found = ratios(names, numbers[:q], road, h, problem.shifts, problem.first)
     for k, g in enumerate(found):
         w, stiff, growth = unit[k] * weights[k], stiffness[k], -power[k] / s.h
         value[k], slope[k], rate[k] = unit[k] * g.value, unit[k] * g.gradient[:q], growth * unit[k] * g.value

@@ -34,9 +34,11 @@ class RouteProblem(NamedTuple):
     `offset`, `fine_offset` (3, nodes, n) [m]: the quintic through the end states minus the original path. `squares`
     (limits,): the squares of the limits. `tube`, `fine_tube` (2, nodes, n) [m²]: the squares of the half-widths. `used`
     (limits + 2, nodes, n): whether a constraint is used. `shortest`, `longest` (n,) [s]: bounds on the durations.
-    `clear` are the constraints of balls of the body and obstacles, to which the last `names` belong, and `origins`
-    (3, n) [m] the positions of the starts of the original segments; `reached` (clear, n) marks the segments that may
-    come near an obstacle, and their neighbours, whose values count at common joints; None without obstacles.
+    `clear` are the constraints of balls of the body and obstacles, to which the last `names` belong; `reached` (clear,
+    n) marks the segments that may come near an obstacle, and their neighbours, whose values count at common joints;
+    None without obstacles. `origins` (3, n) [m]: the positions of the starts of the original segments; None if no
+    constraint contains the position. `shifts` (limits,): numbers that are added to signed values and their limits, or
+    None; `squares` are then those of the sums.
     `local` (limits, fine, n): the squares of limits that change along the way, at the fine nodes; None if no limit
     changes. `road` (parameters, fine, n): the `RoadParameters` there; None if no limit depends on them.
     `target` (6, 3, n) [m]: the scaled end states of the path in the objective "nearest" minus `ends`; None without one.
@@ -82,11 +84,12 @@ class RouteProblem(NamedTuple):
     clear: tuple[Clear, ...] = ()
     origins: Any = None
     reached: Any = None
+    shifts: Any = None
 
     @property
     def first(self) -> int:
-        """The lowest order of the derivatives in the constraints: 0 with obstacles."""
-        return 0 if self.clear else 1
+        """The lowest order of the derivatives in the constraints: 0 if one of them contains the position."""
+        return 1 if self.origins is None else 0
 
     @property
     def dense(self) -> bool:

@@ -99,11 +99,14 @@ def _at_ends(found: Found) -> bool:
 
 def _allowed(name: str, value: float, given: float) -> float:
     """Return the limit, or, for a lower bound of a quantity that is never negative, at least a small positive one."""
-    return max(value, LEAST * given) if quantity(name).lower else value
+    entry = quantity(name)
+    return max(value, LEAST * given) if entry.lower and not entry.bounds_side else value
 
 
 def _wider(name: str, value: float) -> float:
     """Round a limit to four digits, which are printed, such that it allows more."""
+    if value == 0:
+        return value
     digit = 10.0 ** (np.floor(np.log10(abs(value))) - 3)
     side = quantity(name).side
     return float(side * np.ceil(side * value / digit - 1e-12 * abs(value / digit)) * digit)

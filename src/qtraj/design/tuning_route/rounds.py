@@ -127,18 +127,18 @@ def _raised(found: Found, problem: RouteProblem) -> np.ndarray:
     moving = problem.moving > 0
     open_ = unproved(found.judged, problem.names, moving)
     open_[-2:] = False
-    ratio = _ratios(found.judged, problem.names)
+    ratio = _ratios(found.judged, problem)
     own = np.where(open_ & (ratio > VISIBLE), (RAISED * ratio) ** 2, 1.0)
     # A joint is constrained in one of its segments only, so the neighbours are raised, too.
     wide = np.pad(own, [(0, 0), (1, 1)], constant_values=1.0)
     return np.maximum(own, np.maximum(wide[:, :-2], wide[:, 2:]))
 
 
-def _ratios(judged: Judged, names: tuple[str, ...]) -> np.ndarray:
+def _ratios(judged: Judged, problem: RouteProblem) -> np.ndarray:
     """Return the largest values of the limited quantities relative to their limits, and 1 for the tube."""
-    worst = judged.certificate.segments.worst
+    worst, names = judged.certificate.segments.worst, problem.names
     values, limits = (np.reshape([np.asarray(worst[name][k]) for name in names], (len(names), -1)) for k in (1, 2))
-    found = largest_of(judged.curves, relative(names, values, np.abs(limits)))
+    found = largest_of(judged.curves, relative(names, values, limits, problem.shifts))
     return np.concatenate([np.nan_to_num(found, nan=1.0), np.ones((2, found.shape[1]))])
 
 
@@ -199,7 +199,7 @@ def _solved(
         given_up = state.steps >= most or state.hopeless or not np.isfinite(judged.distances).all()
         if found.proved or k == ROUNDS or given_up:
             return found
-        above = _ratios(judged, names)
+        above = _ratios(judged, problem)
         above[-2:] = np.nan_to_num((judged.distances / tube[:-1]).T, nan=1.0)
         above = np.clip(above, 1.0, 1.02)
         mu = float(np.clip(np.max(np.where(open_, above - 1, 0.0)), *AGAIN))

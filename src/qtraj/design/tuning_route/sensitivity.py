@@ -22,9 +22,10 @@ from jaxtyping import Array, Float
 
 from qtraj.design.limits import Limits
 from qtraj.design.tuning_route import circuit, geometry, traced
-from qtraj.design.tuning_route.constraints import bounds, tangents, values
+from qtraj.design.tuning_route.constraints import bounds, values
 from qtraj.design.tuning_route.curves import chain, rebuilt
 from qtraj.design.tuning_route.problem import RouteProblem, objective, segments
+from qtraj.design.tuning_route.scales import scales
 from qtraj.design.tuning_route.setup import LONGEST, SHORTEST
 from qtraj.design.tuning_route.solution import CHANGED, UNCHANGED, Data, Searched, Solve, Structure
 from qtraj.design.tuning_route.traced import Refined
@@ -72,7 +73,7 @@ def _data(route: Route, limits: Limits, tube: Any, s: Structure) -> Data:
     widths: Any = tuple(
         _width(x, len(s.curves.owner) + 1, s.padded) for x in (tube if isinstance(tube, tuple) else [tube] * 2)
     )
-    return Data(route.starts, route.coefficients, route.duration, bounds, widths, route.progress)
+    return Data(route.starts, route.coefficients, route.duration, bounds, widths, route.progress, route.origin)
 
 
 def _width(x: Any, joints: int, padded: bool) -> Array:
@@ -194,7 +195,9 @@ def _with_data(problem: RouteProblem, data: Data, s: Structure, length: Array) -
     widths = jnp.stack([jnp.broadcast_to(x, (count + 1,)) for x in data.tube], axis=1)
     widths = widths[np.array([own.start for own in s.curves.joint_rows()])]
     fields = geometry.smooth_fields(own.c, own.h, own.states, widths, problem.moving, problem.composed)
-    fields |= {"squares": tangents(problem.names, data.bounds) ** 2}
+    fields |= scales(problem.names, data.bounds, None if problem.shifts is None else jnp.sqrt(problem.squares))
+    if problem.origins is not None:
+        fields |= {"origins": own.states[:-1, 0].T + jnp.asarray(data.origin)[:, None]}
     durations = fields["durations"]
     fields |= {"shortest": SHORTEST * durations, "longest": LONGEST * durations}
     if s.kind == "nearest":

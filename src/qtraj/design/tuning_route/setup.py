@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from qtraj.design.tuning_route import basis
-from qtraj.design.tuning_route.constraints import tangents
+from qtraj.design.tuning_route.constraints import contain_position
 from qtraj.design.tuning_route.curves import Curves, chain, curves_of, rates, rebuilt, stretch
 from qtraj.design.tuning_route.geometry import (
     joint_states,
@@ -17,6 +17,7 @@ from qtraj.design.tuning_route.geometry import (
     tube_squares,
 )
 from qtraj.design.tuning_route.problem import BLOCK, RouteProblem
+from qtraj.design.tuning_route.scales import scales, sizes_of
 from qtraj.path import pieces
 from qtraj.path.driving import segments_of
 from qtraj.path.quantity import quantity
@@ -89,19 +90,22 @@ def problem_of(
     timed: bool,
     closed: bool = False,
     road: np.ndarray | None = None,
+    origin: np.ndarray | None = None,
 ) -> RouteProblem:
     """Return the problem.
 
     `tube` (n + 1, 2) [m] and `fixed` (n + 1, 3) have one row for each joint. With `timed`, the total duration of each
     part between segments that do not change is fixed. The last joint of a `closed` route has the state of the first
-    one.
+    one. Constraints that contain the position need the `origin` (3,) of the route.
     """
     moving = ~standing(given.c, given.h) * 1.0
     stretched = given.stretch
     held = _held(fixed, moving, closed)
     composed = given.curves.composed if given.curves.composed.any() else None
-    squares = tangents(names, bounds) ** 2
-    smooth = smooth_fields(given.c, given.h, given.states, tube, moving, composed) | {"squares": squares}
+    smooth = smooth_fields(given.c, given.h, given.states, tube, moving, composed)
+    smooth |= scales(names, bounds, sizes_of(names, bounds, float(np.sqrt(np.mean(tube[:, 1] ** 2)))))
+    if origin is not None and contain_position(names):
+        smooth |= {"origins": given.states[:-1, 0].T + origin[:, None]}
     fine = basis.places(composed, len(given.h), fine=True)
     ends, h = smooth["ends"], smooth["durations"]
     size = np.abs(given.states[:, :2]).max(axis=(0, 2)) @ (1.0, given.h.max())
@@ -177,9 +181,13 @@ def _used(names: tuple[str, ...], held: np.ndarray, moving: np.ndarray, closed: 
     used = np.broadcast_to(moving > 0, (len(names) + 2, len(basis.NODES), len(moving))).copy()
     smooth = [k for k in range(len(names) + 2) if k >= len(names) or quantity(names[k]).order <= 2]
     used[smooth, -1] = False
+    heights = np.array([k for k in range(len(names)) if quantity(names[k]).of_position], int)
+    used[heights[:, None], 0, np.flatnonzero(held[:-1, 0])[None]] = False
     used[np.array(smooth)[:, None], 0, np.flatnonzero(np.all(held[:-1], axis=1))[None]] = False
     if not closed and not held[-1].all():
         used[smooth, -1, -1] = moving[-1] > 0
+    if held[-1, 0]:
+        used[heights, -1, -1] = False
     return used
 
 

@@ -15,7 +15,7 @@ from qtraj.path.route import Route
 
 
 class Data(NamedTuple):
-    """The data θ: the segments of the route as it stores them, the values of the limits, and the half-widths.
+    """The data θ: the segments of the route as it stores them, its origin, the limits, and the half-widths.
 
     A half-width is one number, or an array with one number for each joint.
     """
@@ -26,6 +26,7 @@ class Data(NamedTuple):
     bounds: Float[Array, " limits"]
     tube: tuple[Array, Array]
     progress: Float[Array, "rows 4"] | None
+    origin: Float[Array, " 3"] | None = None
 
 
 class Structure:

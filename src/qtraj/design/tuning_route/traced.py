@@ -17,11 +17,13 @@ from qtraj.design.proof.certificate import UNDEFINED, Certificate
 from qtraj.design.proof.route_certificate import RouteCertificate
 from qtraj.design.tuning_route import basis
 from qtraj.design.tuning_route.chain import Border, Chain
+from qtraj.design.tuning_route.constraints import contain_position
 from qtraj.design.tuning_route.curves import Curves, curves_of
 from qtraj.design.tuning_route.interior import Iterate
 from qtraj.design.tuning_route.polishing import polished, solution
 from qtraj.design.tuning_route.problem import BLOCK, OF_SEGMENTS
 from qtraj.design.tuning_route.program import RouteProgram
+from qtraj.design.tuning_route.scales import is_shifted
 from qtraj.design.tuning_route.solution import (
     CHANGED,
     CONTRADICTED,
@@ -211,6 +213,10 @@ def _fields(s: Structure) -> dict[str, tuple[tuple[int, ...], Any]]:
     shapes |= {"free": ((n + 1, BLOCK), bool), "axes": ((n + 1, 3, 3), float)}
     if s.composed is not None:
         shapes["rates"] = (3, nodes, n), float
+    if contain_position(s.names):
+        shapes["origins"] = (3, n), float
+    if any(map(is_shifted, s.names)):
+        shapes["shifts"] = (limits,), float
     if s.parameters:
         shapes["road"] = (s.parameters, len(basis.FINE_NODES), n), float
     return shapes

@@ -22,6 +22,7 @@ from qtraj.design.tuning_route.arguments import (
 from qtraj.design.tuning_route.curves import largest_of
 from qtraj.design.tuning_route.problem import RouteProblem
 from qtraj.design.tuning_route.remedy import Change, remedy
+from qtraj.design.tuning_route.scales import scales
 from qtraj.design.tuning_route.sensitivity import differentiable
 from qtraj.design.tuning_route.setup import Parts, parts, problem_of
 from qtraj.design.tuning_route.shapes import route_in_tube
@@ -189,20 +190,22 @@ def _solution(
     widths = half_widths(tube, joints, closed)[[own.start for own in rows]]
     every = fixed_states(fixed, joints, closed)
     held = np.stack([every[own].any(axis=0) for own in rows])
-    own, starts = clears(limits.keep_out, limits.body), given.states[:-1, 0] + np.asarray(route.origin)
+    own = clears(limits.keep_out, limits.body)
     around.require_possible(route, limits, held)
+    origin = np.asarray(route.origin, float)
     names = (*names, *(x.name for x in own))
     bounds = along.typical(limits)
     road = roads.at_fine_nodes(route, limits, given)
 
     def posed(bounds: np.ndarray, held: np.ndarray, objective: str, kept: bool) -> RouteProblem:
         every = np.append(bounds, np.ones(len(own)))
-        problem = problem_of(given, names, every, widths, held, objective, kept, closed, road)
-        return around.with_obstacles(problem, starts, own)
+        problem = problem_of(given, names, every, widths, held, objective, kept, closed, road, origin)
+        return around.with_obstacles(problem, own)
 
     problem = posed(bounds, held, objective, objective == "smoothest")
     if limits.varying:
-        problem = problem._replace(local=along.local_squares(route, limits, given.curves, closed, len(own)))
+        local = along.local_squares(route, limits, given.curves, closed, len(own))
+        problem = problem._replace(**scales(names, np.append(bounds, np.ones(len(own)))), local=local)
     if nearest_to is not None:
         problem = problem._replace(target=target.offset(route, given, problem.moving, nearest_to))
     found = _unchanged(route, given, limits, widths, problem)

@@ -47,7 +47,7 @@ def propagate(
 
 
 def _propagate(fitted: Any, t: np.ndarray, entries: Mapping[str, PathQuantity], road: Any) -> dict[str, Propagated]:
-    lowest = 0 if any(x.own is not None for x in entries.values()) else 1
+    lowest = 0 if any(x.position for x in entries.values()) else 1
     highest = max(x.order for x in entries.values())
     rows: list[Any] = [*method(fitted.path, "sampled")(t, max(highest, 3))]
     orders = range(lowest, highest + 1)
