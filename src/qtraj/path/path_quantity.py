@@ -147,6 +147,10 @@ class PathQuantity:
         """Return whether the formulas need world axes; `vehicle` contains the `RoadParameters`, or is None."""
         return self.of_world or self.about_axis(vehicle)
 
+    def uses_axes(self, vehicle: Any) -> bool:
+        """Return whether the formulas need world axes other than the vertical, and are no polynomials on a helix."""
+        return self.about_axis(vehicle) or (self.own is not None and self.own.world)
+
     def about_axis(self, vehicle: Any) -> bool:
         """Return whether the formulas contain the axis of the road of a vehicle (see `in_world`)."""
         return self.needs == VEHICLE and self.own is None and vehicle is not None and vehicle.axis is not None

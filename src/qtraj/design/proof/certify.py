@@ -180,8 +180,8 @@ def _findings(path: AbstractHodograph, names: tuple[str, ...], numbers: list[Any
     if arrays is None:
         return _of_source(curve_source(path), names, numbers, batch)
     road = _road(numbers[2])
-    in_world = np.array([quantity(name).in_world(road) for name in names])
-    if in_world.any():  # x, y and the position are not polynomials in the moving basis
+    in_world = np.array([quantity(name).uses_axes(road) for name in names])
+    if in_world.any():  # components along x and y are not polynomials in the moving basis
         return _with_world(path, names, numbers, batch, in_world)
     if not is_traced(arrays, numbers):
         return _on_host(names, *arrays, *numbers)

@@ -126,7 +126,7 @@ def _divided(path: AbstractHodograph, limits: Limits) -> Divided:
 
     def judged(segment: np.ndarray, limit: Limit, window: Window, start: Any, end: Any = None) -> Findings:
         count = len(segment)
-        in_world = limit.entry.in_world(start)
+        in_world = limit.entry.uses_axes(start)
         if arrays is None or in_world:  # the derivatives may be compiled, for one path
             source = curve_source if arrays is None else world_source
             each = [_on_curve(path, source, limit, (start, end), window, k) for k in range(count)]
