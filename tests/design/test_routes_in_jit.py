@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import qtraj as qt
+from qtraj.design.proof.certificate import UNDEFINED
 from qtraj.foundation.outcome import ResultCode
 
 TIMES = np.arange(4.0)
@@ -183,3 +184,19 @@ def test_largest_values_of_routes_have_derivatives(slower):
     np.testing.assert_allclose(forward, (above[0] - below[0]) / (2 * STEP), rtol=1e-5)
     reverse = jax.jit(jax.jacrev(lambda x: certified(x, slower)[0]))(0.0)
     np.testing.assert_allclose(reverse, forward, rtol=1e-9)
+
+
+@pytest.mark.parametrize("change", ["time", "infinite time", "backwards", "position"])
+def test_numbers_that_are_not_finite_are_never_proved(change):
+    position, velocity, acceleration = states()
+    times, place = TIMES.copy(), position.copy()
+    if change == "position":
+        place[2, 1] = np.nan
+    else:
+        times[-1] = {"time": np.nan, "infinite time": np.inf, "backwards": 1.5}[change]
+    of = lambda call: lambda t, p: call(qt.Route(t, p, velocity, acceleration))  # noqa: E731
+    found = jax.jit(of(lambda route: qt.certify(route, qt.Limits(speed=1e3))))(times, place)
+    assert not bool(found.holds)
+    assert np.asarray(found.whole.codes).tolist() == [UNDEFINED]
+    code = jax.jit(of(lambda route: tuned(route).code))(times, place)
+    assert int(code) == ResultCode.route_ill_posed

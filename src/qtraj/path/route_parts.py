@@ -35,6 +35,21 @@ def rests(s: Segments) -> Float[np.ndarray, "k 2"]:
     return times[edges].reshape(-1, 2)
 
 
+def unpadded(starts: Any, c: Any, duration: Any, origin: Any, own: Any) -> Built:
+    """Return the segments of a route that has padding, from its arrays inside a trace.
+
+    **Raises:** ValueError for numbers that are not finite, and for times that do not increase.
+    """
+    starts, duration = np.asarray(starts), np.asarray(duration)
+    count = int(np.isfinite(starts).sum())
+    kept = starts[:count], np.asarray(c)[:count], duration, np.asarray(origin)
+    more = None if own is None else np.asarray(own)[:count]
+    finite = all(np.isfinite(x).all() for x in (*kept, *([] if more is None else [more])))
+    if not (count and finite and np.isposinf(starts[count:]).all() and (np.diff([*kept[0], duration]) > 0).all()):
+        raise ValueError("the numbers of a route must be finite, and its times must increase")
+    return *kept, more
+
+
 def one(s: Segments, i: int, origin: np.ndarray) -> Built:
     """Return segment `i`."""
     own = None if s.progress is None else s.progress[i][None]

@@ -24,6 +24,7 @@ from qtraj.design.proof.route_certificate import RouteCertificate
 from qtraj.foundation.arrays import constants, is_traced
 from qtraj.path import pieces
 from qtraj.path.route import Route, from_segments
+from qtraj.path.route_parts import unpadded
 from qtraj.path.values import value
 from qtraj.path.vehicle import RoadParameters
 
@@ -84,7 +85,7 @@ def _on_host(route: Route, bounds: Any, names: tuple[str, ...], proved: Callable
     def of_one(starts: Any, c: Any, duration: Any, origin: Any, own: Any, bounds: Any) -> Any:
         count = int(np.isfinite(starts).sum())
         try:
-            route = from_segments(starts[:count], c[:count], duration, origin, None if own is None else own[:count])
+            route = from_segments(*unpadded(starts, c, duration, origin, own))
             found = _arrays(proved(route, bounds), names)
         except ValueError:  # an error inside a compiled function would have no clear message
             missing = np.full((rows, limits), np.nan)

@@ -38,6 +38,7 @@ from qtraj.foundation.arrays import concrete, constants, is_traced
 from qtraj.foundation.outcome import ResultCode
 from qtraj.path.driving import segments_of
 from qtraj.path.route import Route, from_segments
+from qtraj.path.route_parts import unpadded
 
 _OF_JOINTS = ("free", "axes")
 
@@ -99,12 +100,8 @@ def structure(route: Route, limits: Limits, names: tuple[str, ...], kind: str, c
 
 def solved(s: Structure, data: Data, origin: Any, vehicle: Any, solve: Solve) -> Solution:
     """Return the result of `solve` for concrete data, without padding."""
-    starts = np.asarray(data.starts)
-    count = int(np.isfinite(starts).sum())
-    own = None if data.progress is None else np.asarray(data.progress)[:count]
-    route = from_segments(
-        starts[:count], np.asarray(data.coefficients)[:count], np.asarray(data.duration), np.asarray(origin), own
-    )
+    built = unpadded(data.starts, data.coefficients, data.duration, origin, data.progress)
+    route, count = from_segments(*built), len(built[0])
     tube = tuple(x[: count + 1] if x.ndim else x for x in map(np.asarray, data.tube))
     limits: Limits = limits_of(dict(zip(s.names, np.asarray(data.bounds).tolist(), strict=True)), vehicle)
     return solve(route, limits, tube)  # type: ignore[arg-type]
