@@ -79,6 +79,10 @@ class Exact:
             self.parts, self.turns = [list(map(float, x)) for x in (path.radius, path.angle, path.height)], True
         self.duration = float(path.duration)
         self.precise = [[mpmath.mpf(x) for x in part] for part in self.parts]
+        if isinstance(path, qt.Route):
+            for k, start in enumerate(map(float, path.origin)):
+                self.precise[k][0] += start
+                self.parts[k][0] += start
         self._largest = {}
 
     def square(self, name, u):

@@ -14,6 +14,7 @@ from qtraj.design.timing.constraints import NAMES
 from qtraj.design.timing.grid import uniform
 from qtraj.design.timing.initial import initial
 from qtraj.design.timing.interior_point import begun, continued, duration, solve
+from qtraj.design.timing.road import LOADS
 from qtraj.design.timing.sided import SLOWEST
 from qtraj.design.timing.tables import tables
 from qtraj.path.quantity import quantity
@@ -28,7 +29,9 @@ TABLES = tables(uniform(CELLS), (True, False))
 
 def problem(values):
     """From rest to half the own speed of the path, with the limits `values` on `OWN`."""
-    absent = {name: np.asarray(-np.inf if quantity(name).lower else np.inf) for name in NAMES if name != SLOWEST}
+    absent = {
+        name: np.asarray(-np.inf if quantity(name).lower else np.inf) for name in NAMES if name not in (SLOWEST, *LOADS)
+    }
     bounds = absent | dict(zip(OWN, values, strict=True))
     return search.Problem(PATH, np.zeros(()), np.asarray(PATH.duration), bounds, np.array([np.inf, 0.25]))
 

@@ -34,7 +34,8 @@ Certify = Callable[[Route, Limits], RouteCertificate]
 def certify_traced(route: Route, limits: Limits, certify: Certify) -> RouteCertificate:
     """Return the certificate of a traced route, or of traced limits; `certify` is the proof for concrete arguments.
 
-    **Raises:** ValueError for limits that change along the way or depend on the speed, and for a traced vehicle.
+    **Raises:** ValueError for limits that change along the way or depend on the speed, for obstacles, and for a traced
+    vehicle.
     """
     given = limits.given()
     if limits.varying or limits.along_road or any(isinstance(x, OfSpeed) for x in given.values()):
@@ -42,6 +43,8 @@ def certify_traced(route: Route, limits: Limits, certify: Certify) -> RouteCerti
             "inside jit, grad and vmap, certify needs limits of a route that are constant numbers, but one of them, or "
             "the road, changes along the way or with the speed: call it outside"
         )
+    if limits.keep_out is not None:
+        raise ValueError("certify needs a route with concrete values for obstacles: call it outside jit, grad and vmap")
     if is_traced(limits.vehicle):
         raise ValueError("inside jit, grad and vmap, certify needs a vehicle with concrete values for a route")
     names, vehicle = tuple(given), limits.vehicle
