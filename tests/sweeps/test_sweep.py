@@ -220,7 +220,7 @@ def test_a_changed_constant_is_another_function(tmp_path, monkeypatch):
         sweep(scaled, {"a": [1.0]}, tmp_path)
 
 
-@pytest.mark.parametrize("version", ["qtraj", "JAX", "NumPy"])
+@pytest.mark.parametrize("version", ["qtraj", "Python", "JAX", "NumPy"])
 def test_other_versions_are_refused(tmp_path, version):
     sweep(scaled, {"a": [1.0]}, tmp_path)
     file = tmp_path / ".sweep/identity.json"

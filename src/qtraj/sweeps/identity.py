@@ -1,6 +1,7 @@
 """Describe what a sweep computes, so that a store is only completed by the sweep that started it."""
 
 import json
+import platform
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,7 @@ def identity(
         **own,
         "the default dtype": "float64" if jax.config.read("jax_enable_x64") else "float32",
         "the version of qtraj": __version__,
+        "the version of Python": ".".join(platform.python_version_tuple()[:2]),
         "the version of JAX": jax.__version__,
         "the version of NumPy": np.__version__,
         **{name: str(value) for name, value in settings.items()},
