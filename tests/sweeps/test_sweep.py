@@ -6,6 +6,7 @@ import json
 import shutil
 import subprocess
 import sys
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -372,3 +373,43 @@ def test_importing_qtraj_does_not_import_dask():
         "import sys, qtraj; qtraj.sweep, qtraj.sweeps.Uniform; print([m for m in ('dask', 'zarr') if m in sys.modules])"
     )
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+
+
+def test_a_removed_folder_leaves_no_columns(tmp_path):
+    for values in ([1.0, 2.0, 3.0], [4.0, 5.0, 6.0]):
+        swept = sweep(scaled, {"a": Column(values)}, tmp_path / "out")
+        assert swept.to_xarray()["a"].values.tolist() == values
+        shutil.rmtree(tmp_path / "out")
+
+
+@dataclass
+class Unnoticed:
+    """A function with a number that is not part of its digest."""
+
+    k: float = field(compare=False)
+
+    def __call__(self, p):
+        return {"y": self.k}
+
+
+def test_each_run_has_its_own_plan(tmp_path):
+    for k in (1.0, 7.0):
+        swept = sweep(Unnoticed(k), {"a": [1.0]}, tmp_path / "out")
+        assert swept.to_xarray()["y"].values.tolist() == [k]
+        shutil.rmtree(tmp_path / "out")
+
+
+def test_a_function_that_fails_at_once_leaves_the_folder_to_the_corrected_one(tmp_path):
+    for values in ([1.0, 2.0], [3.0, 4.0, 5.0]):
+        with pytest.raises(ValueError, match="raises an error at all of the first points"):
+            sweep(lambda p: {"y": p["typo"]}, {"a": Column(values)}, tmp_path)
+    assert sweep(scaled, {"a": Column([1.0, 2.0])}, tmp_path).to_xarray()["y"].values.tolist() == [2.0, 4.0]
+
+
+def test_only_the_units_of_this_sweep_are_part_of_it(tmp_path):
+    sweep(scaled, {"a": [1.0]}, tmp_path, units={"y": "m"})
+    assert sweep(scaled, {"a": [1.0]}, tmp_path, units={"y": "m", "other": "s"}).successful
+    sweep(outputs, GRID, tmp_path / "long", units={"a": "m" * 400})
+    with pytest.raises(ValueError, match=r"the argument 'units' differs \({'a': 'm{20,100} … there, ") as caught:
+        sweep(outputs, GRID, tmp_path / "long", units={"a": "s" * 400})
+    assert len(str(caught.value)) < 600

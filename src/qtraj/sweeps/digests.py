@@ -32,7 +32,7 @@ _Seen = dict[int, tuple[int, Any]]
 """The objects that were visited: their numbers, and themselves, so that no other object gets the same id."""
 
 _ATOMS = (str, bytes, bytearray, int, float, complex, Path, type(None), type(...), np.generic, np.dtype, range)
-_ATOMS += (fractions.Fraction, decimal.Decimal, datetime.timedelta, datetime.date, datetime.time, re.Pattern)
+_ATOMS += (np.ufunc, fractions.Fraction, decimal.Decimal, datetime.timedelta, datetime.date, datetime.time, re.Pattern)
 """Types whose texts contain their whole content."""
 
 

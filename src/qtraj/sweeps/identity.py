@@ -15,6 +15,9 @@ from qtraj.sweeps.digests import digest, name_of
 Identity = dict[str, str]
 """The parts of the description by name; their values are texts or digests."""
 
+LONGEST = 100
+"""Maximum number of characters of each value in the message about a difference."""
+
 ADVICE = "pass another folder, or remove this one to compute it anew"
 
 
@@ -47,8 +50,14 @@ def require_same(folder: Path, stored: Identity, own: Identity) -> None:
     for name in (*own, *stored):
         there, here = stored.get(name), own.get(name)
         if there != here:
-            changed = f"{name} differs ({there} there, {here} now)"
+            changed = f"{name} differs ({_short(there)} there, {_short(here)} now)"
             raise ValueError(f"{folder}: this folder contains another sweep, because {changed}: {ADVICE}")
+
+
+def _short(text: object) -> str:
+    """Return the start of a long text."""
+    whole = str(text)
+    return whole if len(whole) <= LONGEST else f"{whole[:LONGEST]} …"
 
 
 def fingerprint(own: Identity) -> str:

@@ -57,7 +57,7 @@ class Request(NamedTuple):
 
 @dataclass(frozen=True)
 class Prepared:
-    """A store with the rows of its sweep, the arrays that they need in files, and the identity of the sweep."""
+    """A store with the rows of its sweep, the arrays that they need in files, and the identity without its outputs."""
 
     store: Store
     rows: Rows
@@ -85,7 +85,6 @@ def store_of(request: Request, folder: Path) -> Prepared:
         "the argument 'batch'": request.is_batch,
         "the argument 'keep'": request.keep,
         "the argument 'histograms'": {name: tuple(x) for name, x in sorted(histograms.items())},
-        "the argument 'units'": dict(sorted(_units(request).items())),
     }
     own = identity(request.function, description(rows, arrays), settings)
     if folder.exists() and not folder.is_dir():
@@ -103,20 +102,17 @@ def plan_of(request: Request, prepared: Prepared) -> Plan:
     """
     store, rows = prepared.store, prepared.rows
     store.open(prepared.identity, prepared.arrays)
-    schema = store.schema()
-    known = {} if schema is None else schema
-    x64 = bool(jax.config.read("jax_enable_x64"))
-    mark = fingerprint(prepared.identity)
-    plan = Plan(store, rows, request.function, request.is_batch, known, mark, x64, request.keep, prepared.histograms)
-    if schema is None:
-        schema = _learned(request.function, request.is_batch, rows)
-        plan = Plan(
-            store, rows, request.function, request.is_batch, schema, mark, x64, request.keep, prepared.histograms
-        )
-        require_known(prepared.histograms, tuple(schema), "the histogram of")
-        about = attributes_of((*schema, *rows.names), _units(request))
+    known = store.schema()
+    schema = _learned(request.function, request.is_batch, rows) if known is None else known
+    require_known(prepared.histograms, tuple(schema), "the histogram of")
+    units = {name: unit for name, unit in _units(request).items() if name in (*schema, *rows.names)}
+    own = prepared.identity | {"the argument 'units'": str(dict(sorted(units.items())))}
+    store.claim(own)
+    mark, x64 = fingerprint(own), bool(jax.config.read("jax_enable_x64"))
+    plan = Plan(store, rows, request.function, request.is_batch, schema, mark, x64, request.keep, prepared.histograms)
+    if known is None:
         names = rows.names if request.keep else ()
-        write_metadata(store, plan.arrays, names, about, {"sweep": mark})
+        write_metadata(store, plan.arrays, names, attributes_of((*schema, *rows.names), units), {"sweep": mark})
         store.write_schema(schema)
     return plan
 

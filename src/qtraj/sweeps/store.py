@@ -54,13 +54,15 @@ class Store:
         return k * self.shard, min((k + 1) * self.shard, self.points)
 
     def open(self, identity: Identity, arrays: Mapping[str, np.ndarray]) -> None:
-        """Create the store, or check that it contains this sweep; requires the lock.
+        """Create the store, or check that it contains this sweep as far as `identity` tells; requires the lock.
+
+        A new store belongs to no sweep until `claim`, so that nothing remains of a function that fails at once.
 
         **Raises:** ValueError if the folder contains something else; OSError if it is not writable.
         """
-        file = self.own / "identity.json"
-        if file.exists():
-            require_same(self.folder, read_json(file), identity)
+        if self._identity.exists():
+            stored = read_json(self._identity)
+            require_same(self.folder, {name: x for name, x in stored.items() if name in identity}, identity)
             self.clear_staging()
             return
         others = [x.name for x in self.folder.iterdir() if x.name != self.own.name]
@@ -69,13 +71,23 @@ class Store:
                 f"{self.folder}: this folder contains other files, such as {sorted(others)[0]}: pass a new folder"
             )
         self.clear_staging()
+        shutil.rmtree(self.columns, ignore_errors=True)  # of a sweep that has failed
         for folder in (self.columns, self.own / "ledger"):
             folder.mkdir(exist_ok=True)
         for k, values in enumerate(arrays.values()):
             np.save(self._staging / "column.npy", values)
             write_whole(self.columns / f"{k}.npy", (self._staging / "column.npy").read_bytes(), self._staging)
         self.clear_staging()
-        self.write_json(file, identity)
+
+    def claim(self, identity: Identity) -> None:
+        """Let an open store belong to this sweep, or check that it does; requires the lock.
+
+        **Raises:** ValueError if it belongs to another one.
+        """
+        if self._identity.exists():
+            require_same(self.folder, read_json(self._identity), identity)
+        else:
+            self.write_json(self._identity, identity)
 
     def schema(self) -> Schema | None:
         """Return the outputs of the function, or None if they are not known yet."""
@@ -141,6 +153,10 @@ class Store:
     def write_json(self, file: Path, content: Mapping[str, Any]) -> None:
         """Write a JSON file, and flush it to the disk."""
         write_whole(file, json.dumps(content, indent=1).encode(), self._staging)
+
+    @property
+    def _identity(self) -> Path:
+        return self.own / "identity.json"
 
     @property
     def _staging(self) -> Path:
