@@ -1,6 +1,7 @@
 """`qtraj sweep`: every run against the library, resumed stores, failures, bad input."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -205,6 +206,16 @@ def test_a_moved_folder_is_the_same_sweep(run, tmp_path):
     moved = read_sweep(other / "scenario.toml")
     assert digest(moved.function) == digest(task.function)
     assert moved.parameters["limits.curvature"].values.tolist() == [0.1, 0.2]
+
+
+def test_workers_with_another_folder_find_the_files_of_a_scenario(tmp_path, monkeypatch):
+    qt.SpiralHelix([4.0], [0.0, 1.0], [0.0], 2.0).save(tmp_path / "saved.json")
+    text = 'path = "saved.json"\n[limits]\nspeed = 9.0\n[sweep]\nrun = "certify"\nlimits.speed = {values = [3.0]}\n'
+    (tmp_path / "scenario.toml").write_text(text)
+    monkeypatch.chdir(tmp_path)
+    function = read_sweep(Path("scenario.toml")).function
+    monkeypatch.chdir("/")
+    assert function({"limits.speed": np.array([3.0, 9.0])})["holds"].tolist() == [False, True]
 
 
 BAD = [

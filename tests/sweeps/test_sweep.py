@@ -413,3 +413,9 @@ def test_only_the_units_of_this_sweep_are_part_of_it(tmp_path):
     with pytest.raises(ValueError, match=r"the argument 'units' differs \({'a': 'm{20,100} … there, ") as caught:
         sweep(outputs, GRID, tmp_path / "long", units={"a": "s" * 400})
     assert len(str(caught.value)) < 600
+
+
+def test_the_quantile_zero_is_in_the_first_bin_with_points(tmp_path):
+    swept = sweep(lambda p: {"y": p["a"]}, {"a": [0.42, 0.45, 0.75]}, tmp_path, histograms={"y": (0.0, 1.0, 10)})
+    assert swept.summary["y"].quantile(0) == pytest.approx(0.4)
+    assert swept.summary["y"].quantile(1) == pytest.approx(0.8)

@@ -14,6 +14,7 @@ from qtraj.sweeps.identity import Identity, fingerprint, identity
 from qtraj.sweeps.metadata import attributes_of, write_metadata
 from qtraj.sweeps.outputs import FATAL, Schema, WrongOutputError, schema_of
 from qtraj.sweeps.parameters import RESERVED, description, require_known, rows_of
+from qtraj.sweeps.results import NoValidPointError
 from qtraj.sweeps.rows import Rows
 from qtraj.sweeps.shards import Plan
 from qtraj.sweeps.store import Store
@@ -119,7 +120,7 @@ def plan_of(request: Request, prepared: Prepared) -> Plan:
 
 def _learned(function: Callable[..., Any], batch: bool, rows: Rows) -> Schema:
     """Return the outputs of a function from the first of some points at which it succeeds."""
-    first: Exception | None = None
+    first: BaseException | None = None
     for number in dict.fromkeys(np.linspace(0, rows.count - 1, TRIALS).astype(int).tolist()):
         points = rows.at(number, number + 1)
         try:
@@ -128,7 +129,7 @@ def _learned(function: Callable[..., Any], batch: bool, rows: Rows) -> Schema:
         except (WrongOutputError, *FATAL):
             raise
         except Exception as error:
-            first = first or error
+            first = first or (error.__cause__ if isinstance(error, NoValidPointError) else error)
             continue
         return _checked(schema, rows)
     raise ValueError(

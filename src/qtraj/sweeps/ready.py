@@ -1,7 +1,8 @@
 """Create the functions of common sweeps: evaluations, proofs, tunings, retimings and closed loops of many points.
 
 Each function of this module takes a function of one point and returns a function of a batch of points for `sweep`. It
-calls ours once for the batch where that is possible.
+calls ours once for the batch where that is possible. In `tune`, `tune_route` and `retime`, points whose function raises
+a ValueError fail.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -201,20 +202,29 @@ def _certified(path: Any, points: Points, limits: Any) -> dict[str, Any]:
 def _tuned(problem: Any, points: Points, **options: Any) -> dict[str, Any]:
     from qtraj.design.tuning.tune import tune as tune_states  # imported here, because it imports optax
 
-    problems = [problem(point) for point in _each(points)]
-    return results.of_tuned(tune_states(*jax.tree.map(lambda *x: np.stack(x), *problems), **options))
+    def run(problems: list[Any]) -> results.Outputs:
+        return results.of_tuned(tune_states(*jax.tree.map(lambda *x: np.stack(x), *problems), **options))
+
+    each = _each(points)
+    return results.computed(run, results.valid(problem, dict(enumerate(each))), len(each))
 
 
 def _each_route(problem: Any, points: Points, **options: Any) -> dict[str, Any]:
     from qtraj.design.tuning_route.tune_route import tune_route as tune_one
 
-    return results.stacked([results.of_route(tune_one(*problem(point), **options)) for point in _each(points)])
+    return _one_by_one(lambda point: results.of_route(tune_one(*problem(point), **options)), points)
 
 
 def _each_timing(problem: Any, points: Points, **options: Any) -> dict[str, Any]:
     from qtraj.design.timing.retime import retime as retime_one
 
-    return results.stacked([results.of_timing(retime_one(*problem(point), **options)) for point in _each(points)])
+    return _one_by_one(lambda point: results.of_timing(retime_one(*problem(point), **options)), points)
+
+
+def _one_by_one(function: Callable[[Point], results.Outputs], points: Points) -> results.Outputs:
+    each = _each(points)
+    found = results.valid(function, dict(enumerate(each)))
+    return results.spread(results.stacked([*found.values()]), [*found], len(each))
 
 
 def _simulated(flight: Any, points: Points) -> dict[str, Any]:
