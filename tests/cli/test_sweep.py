@@ -225,6 +225,8 @@ BAD = [
     (f"{TURN}[sweep]\nsample = 3\nlimits.curvature = {{values = [1]}}\n", "did you mean 'samples'?"),
     (f"{TURN}[sweep]\nlimits.curvature = {{from = 1, to = 2}}\n", "has the keys from, to, but must be"),
     (f"{TURN}[sweep]\nlimits.curvature = {{from = 1, to = 2, steps = 0}}\n", "the parameter 'limits.curvature': "),
+    (f"{TURN}[sweep]\nlimits.curvature = {{from = 1, to = 2, steps = true}}\n", "the parameter 'limits.curvature': "),
+    (f"{TURN}[sweep]\nlimits.curvature = {{from = 0, to = true, steps = 2}}\n", "the parameter 'limits.curvature': "),
     (f"{TURN}[sweep]\nlimits.curvature = {{values = []}}\n", "the parameter 'limits.curvature': "),
     (f"{TURN}[sweep]\nlimits.curvature = {{values = [nan]}}\n", "must be finite, but value 0 is not"),
     (f"{TURN}[sweep]\nlimits.curvature = {{uniform = [2, 1]}}\n", "low must be less than high"),

@@ -12,8 +12,9 @@ import numpy as np
 from qtraj.foundation.argument import described, require_whole
 from qtraj.sweeps.identity import Identity, fingerprint, identity
 from qtraj.sweeps.metadata import attributes_of, write_metadata
+from qtraj.sweeps.names import require_distinct, require_name
 from qtraj.sweeps.outputs import FATAL, Schema, WrongOutputError, schema_of
-from qtraj.sweeps.parameters import RESERVED, description, require_known, rows_of
+from qtraj.sweeps.parameters import description, require_known, rows_of
 from qtraj.sweeps.results import NoValidPointError
 from qtraj.sweeps.rows import Rows
 from qtraj.sweeps.shards import Plan
@@ -144,15 +145,15 @@ def _checked(schema: Schema, rows: Rows) -> Schema:
     for name in schema:
         if name in rows.names:
             raise WrongOutputError(f"the output '{name}' has the name of a parameter: return it under another name")
-        if name in RESERVED or "/" in name or name.startswith((".", "__")) or not name:
-            raise WrongOutputError(f"an output cannot have the name '{name}': return it under another name")
+        require_name(name, "an output")
+    require_distinct((*rows.names, *schema))
     return schema
 
 
 def _shard_size(request: Request, points: int) -> int:
     if request.shard is not None:
         require_whole(request.shard, "shard", 1)
-        size = request.shard
+        size = min(request.shard, points)
     else:
         usual = getattr(request.function, "shard", BATCH if request.is_batch else SINGLE)
         size = min(usual, max(SMALLEST if request.is_batch else 1, -(-points // FEWEST_SHARDS)))

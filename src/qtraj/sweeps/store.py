@@ -115,7 +115,7 @@ class Store:
     def write_entry(self, k: int, entry: Mapping[str, Any]) -> None:
         """Add shard `k` to the ledger; all its chunks must exist."""
         file = self._entry(k)
-        file.parent.mkdir(exist_ok=True)
+        file.parent.mkdir(parents=True, exist_ok=True)
         self.write_json(file, entry)
 
     def entry(self, k: int, fingerprint: str) -> dict[str, Any] | None:
@@ -124,7 +124,7 @@ class Store:
             entry = json.loads(self._entry(k).read_bytes())
         except (FileNotFoundError, ValueError):
             return None
-        return entry if isinstance(entry, dict) and entry.get("fingerprint") == fingerprint else None
+        return entry if _is_entry(entry) and entry["fingerprint"] == fingerprint else None
 
     def entries(self, fingerprint: str) -> Iterator[tuple[int, dict[str, Any]]]:
         """Yield the numbers and the entries of all finished shards, in order."""
@@ -174,12 +174,24 @@ class Store:
         return self.folder.joinpath(name, "c", str(k), *("0",) * (dimensions - 1))
 
 
-def read_json(file: Path) -> Any:
+def read_json(file: Path) -> dict[str, Any]:
     """Return the content of a JSON file of a store.
 
     **Raises:** ValueError with the name of the file if it is damaged.
     """
     try:
-        return json.loads(file.read_bytes())
+        content = json.loads(file.read_bytes())
+        if not isinstance(content, dict):
+            raise ValueError("an object was expected")
     except ValueError as error:
         raise ValueError(f"{file}: this file of a sweep is damaged ({error}); remove the folder") from None
+    return content
+
+
+_ENTRY = {"fingerprint": str, "points": int, "failed": int, "texts": list, "checksums": dict, "summary": dict}
+"""The keys of an entry of the ledger, and the types of their values."""
+
+
+def _is_entry(content: Any) -> bool:
+    """Return whether a JSON value is an entry of the ledger."""
+    return isinstance(content, dict) and all(isinstance(content.get(key), kind) for key, kind in _ENTRY.items())
