@@ -95,6 +95,7 @@ def test_keys_change_speeds_headings_radii_and_limits(point):
         ('"radius"', '"limits.speeed"', "speeed"),
         ('"radius"', '"limits.longitudinal_acceleration"', "so it must be one number"),
         ("[10.0, 40.0]", "[10.0, 10.0]", "must end above its start"),
+        ("[10.0, 40.0]", "[-10.0, 40.0]", "starts at -10.0, but this key cannot be negative"),
         ("tolerance = 5.0", "tolerance = 0", "tolerance"),
         ("steps = 2}\n", "steps = 0}\n", "steps"),
         ("[atlas]", "[altas]", "altas"),

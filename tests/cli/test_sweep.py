@@ -1,6 +1,7 @@
 """`qtraj sweep`: every run against the library, resumed stores, failures, bad input."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -207,6 +208,16 @@ def test_a_moved_folder_is_the_same_sweep(run, tmp_path):
     assert moved.parameters["limits.curvature"].values.tolist() == [0.1, 0.2]
 
 
+def test_workers_with_another_folder_find_the_files_of_a_scenario(tmp_path, monkeypatch):
+    qt.SpiralHelix([4.0], [0.0, 1.0], [0.0], 2.0).save(tmp_path / "saved.json")
+    text = 'path = "saved.json"\n[limits]\nspeed = 9.0\n[sweep]\nrun = "certify"\nlimits.speed = {values = [3.0]}\n'
+    (tmp_path / "scenario.toml").write_text(text)
+    monkeypatch.chdir(tmp_path)
+    function = read_sweep(Path("scenario.toml")).function
+    monkeypatch.chdir("/")
+    assert function({"limits.speed": np.array([3.0, 9.0])})["holds"].tolist() == [False, True]
+
+
 BAD = [
     (TURN, "a scenario with a table [sweep] was expected"),
     (f"{TURN}[sweep]\nsamples = 3\n", "there are no parameters"),
@@ -214,6 +225,8 @@ BAD = [
     (f"{TURN}[sweep]\nsample = 3\nlimits.curvature = {{values = [1]}}\n", "did you mean 'samples'?"),
     (f"{TURN}[sweep]\nlimits.curvature = {{from = 1, to = 2}}\n", "has the keys from, to, but must be"),
     (f"{TURN}[sweep]\nlimits.curvature = {{from = 1, to = 2, steps = 0}}\n", "the parameter 'limits.curvature': "),
+    (f"{TURN}[sweep]\nlimits.curvature = {{from = 1, to = 2, steps = true}}\n", "the parameter 'limits.curvature': "),
+    (f"{TURN}[sweep]\nlimits.curvature = {{from = 0, to = true, steps = 2}}\n", "the parameter 'limits.curvature': "),
     (f"{TURN}[sweep]\nlimits.curvature = {{values = []}}\n", "the parameter 'limits.curvature': "),
     (f"{TURN}[sweep]\nlimits.curvature = {{values = [nan]}}\n", "must be finite, but value 0 is not"),
     (f"{TURN}[sweep]\nlimits.curvature = {{uniform = [2, 1]}}\n", "low must be less than high"),

@@ -233,3 +233,14 @@ Y = qt.AtlasAxis("y", 0.0, 1.0, 0.1)
 def test_mistakes_are_named(call, message):
     with pytest.raises((ValueError, TypeError), match=message):
         call()
+
+
+def test_cells_that_cannot_be_numbered_are_refused():
+    def border(levels):
+        axes = (qt.AtlasAxis(name, 0.0, 1.0, tolerance=2.0**-levels) for name in "xy")
+        return qt.atlas(lambda x, y: x + y < 0.9, *axes, max_evaluations=2000)
+
+    found = border(30)
+    assert found.at([0.1, 0.8], [0.1, 0.8])["status"].tolist() == ["feasible", "infeasible"]
+    with pytest.raises(ValueError, match=r"at most .* can be numbered: pass larger tolerances"):
+        border(31)

@@ -102,6 +102,30 @@ def test_a_lost_scheduler_is_an_error_and_the_next_run_completes(tmp_path, clien
     assert same(tmp_path / "out", tmp_path / "whole")
 
 
+def test_the_number_of_tasks_follows_the_threads_of_the_cluster(tmp_path, client):
+    class Growing:
+        """A client whose cluster has one thread at first, and then four."""
+
+        def __init__(self):
+            self.submitted, self.before = 0, []
+
+        def nthreads(self):
+            self.before.append(self.submitted)
+            return {"one": 4 if self.submitted else 1}
+
+        def submit(self, *arguments, **options):
+            self.submitted += 1
+            return client.submit(*arguments, **options)
+
+        def cancel(self, futures):
+            client.cancel(futures)
+
+    growing = Growing()
+    assert qt.sweep(outputs, PARAMETERS, tmp_path, client=growing, samples=9, batch=True, shard=3).successful
+    assert growing.before[:4] == [0, 3, 13, 14]  # 3 for each thread, of which one has ended each time
+    assert growing.submitted == 21
+
+
 def run(script, folder):
     file = folder / "script.py"
     file.write_text(textwrap.dedent(script))

@@ -1,8 +1,15 @@
 """Digests of functions and values change with whatever changes the results, and with nothing else."""
 
 import functools
+import importlib
+import math
+import re
+import sys
 import threading
 import types
+from datetime import timedelta
+from decimal import Decimal
+from fractions import Fraction
 
 import jax
 import numpy as np
@@ -74,7 +81,30 @@ def test_equal_things_have_equal_digests(make):
     assert digest(make()) == digest(make())
 
 
+ONE, TWO, THREE = [1.0], [2.0], [3.0]
+PAIR = (lambda p: {"y": 1}, lambda p: {"y": 2})
+GRAY = jax.vmap(lambda x: x), jax.vmap(lambda x: 2 * x)
+
+
+def state(speed):
+    return qt.BoundaryState([10.0, 0.0, 0.0], [0.0, speed, 0.0])
+
+
 DIFFERENT = [
+    ([ONE, TWO, ONE], [ONE, TWO, TWO]),
+    ((state(1.0), state(2.0), state(3.0)), (state(1.0), state(2.0), state(4.0))),
+    PAIR,
+    GRAY,
+    tuple(map(jax.jit, GRAY)),
+    (range(3), range(4)),
+    (slice(1), slice(2)),
+    (Fraction(1, 3), Fraction(2, 3)),
+    (Decimal("1.0"), Decimal("1.5")),
+    (timedelta(seconds=1), timedelta(seconds=2)),
+    (re.compile("a"), re.compile("b")),
+    (math.sin, math.cos),
+    (np.sin, np.cos),
+    (..., None),
     (1.5, 1.25),
     (1, 1.0),
     ("1", 1),
@@ -122,3 +152,79 @@ def test_names():
     assert name_of(doubled).endswith("test_digests.doubled")
     assert name_of(functools.partial(doubled)).endswith("test_digests.doubled")
     assert name_of(Scaled(1.0)).endswith("test_digests.Scaled")
+
+
+CHANGES = {
+    "a global variable of a function inside": (
+        "C = 1\ndef f(p):\n    return sum(C for _ in range(3))\n",
+        "C = 2\ndef f(p):\n    return sum(C for _ in range(3))\n",
+    ),
+    "a function that a function inside calls": (
+        "def h(x): return x\ndef f(p):\n    def g(x): return h(x)\n    return g(1)\n",
+        "def h(x): return -x\ndef f(p):\n    def g(x): return h(x)\n    return g(1)\n",
+    ),
+    "a decorator": (
+        "import functools\ndef d(f):\n    return functools.wraps(f)(lambda p: f(p))\n@d\ndef f(p): return 1\n",
+        "import functools\ndef d(f):\n    return functools.wraps(f)(lambda p: -f(p))\n@d\ndef f(p): return 1\n",
+    ),
+    "a global variable of a method": (
+        "K = 1\nclass F:\n    def __call__(self, p): return K\nf = F()\n",
+        "K = 2\nclass F:\n    def __call__(self, p): return K\nf = F()\n",
+    ),
+    "a method of a base class": (
+        "class B:\n    def g(self): return 1\nclass F(B):\n    def __call__(self, p): return self.g()\nf = F()\n",
+        "class B:\n    def g(self): return 2\nclass F(B):\n    def __call__(self, p): return self.g()\nf = F()\n",
+    ),
+    "an attribute of a class": (
+        "class F: pass\nF.k = 1\ndef f(p): return F.k\n",
+        "class F: pass\nF.k = 2\ndef f(p): return F.k\n",
+    ),
+}
+
+
+@pytest.fixture
+def module(tmp_path, monkeypatch):
+    """A function that imports a module with a source."""
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+
+    def load(source, name="written"):
+        (tmp_path / f"{name}.py").write_text(source)
+        sys.modules.pop(name, None)
+        importlib.invalidate_caches()
+        return importlib.import_module(name)
+
+    yield load
+    for name in ("written", "helpers", "deeper"):
+        sys.modules.pop(name, None)
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_a_change_is_noticed(module, change):
+    before, after = CHANGES[change]
+    first = digest(module(before).f)
+    assert digest(module(before).f) == first
+    assert digest(module(f"# moved\n\n{before}").f) == first
+    assert digest(module(after).f) != first
+
+
+@pytest.mark.parametrize("use", ["import helpers\ndef f(p): return helpers.h(1)\n", "def f(p):\n    import helpers\n"])
+def test_the_modules_of_the_user_are_part_of_a_function(module, use):
+    module("def h(x): return x\n", "helpers")
+    first = digest(module(use).f)
+    module("def h(x): return -x\n", "helpers")
+    assert digest(module(use).f) != first
+
+
+def test_the_modules_that_these_import_are_part_of_a_function(module):
+    found = []
+    for sign in "+-":
+        module(f"def h(x): return {sign}x\n", "deeper")
+        module("from deeper import h\n", "helpers")
+        found.append(digest(module("import helpers\ndef f(p): return helpers.h(1)\n").f))
+    assert found[0] != found[1]
+
+
+def test_the_line_of_a_lambda_is_not_part_of_it(module):
+    first = digest(module("def g(f, **options): return f\nf = g(lambda p: 1)\n").f)
+    assert digest(module("def g(f, **options): return f\nf = g(lambda p: 1, retries=3)\n").f) == first

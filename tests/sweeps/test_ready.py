@@ -1,5 +1,7 @@
 """Functions of common sweeps: each point has the result of the library for this point alone."""
 
+from dataclasses import dataclass
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -110,3 +112,57 @@ def test_all_shards_use_the_code_of_the_first(tmp_path, compiled):
     assert before > 0
     qt.sweep(function, {"radius": np.linspace(1.0, 2.0, 64)}, tmp_path / "many", workers=0, shard=8)
     assert len(compiled) == before
+
+
+SCALE = 1.0
+
+
+def scaled_circle(p):
+    return circle({"radius": SCALE * p["radius"]})
+
+
+def test_a_changed_variable_is_compiled_again(monkeypatch):
+    function = sweeps.evaluate(scaled_circle, ("curvature",))
+    np.testing.assert_allclose(function({"radius": RADII})["curvature"], 1 / RADII, rtol=1e-12)
+    monkeypatch.setitem(globals(), "SCALE", 10.0)
+    np.testing.assert_allclose(function({"radius": RADII})["curvature"], 0.1 / RADII, rtol=1e-12)
+
+
+@dataclass
+class Unhashable:
+    scale: float
+
+    def __call__(self, p):
+        return circle({"radius": self.scale * p["radius"]})
+
+
+def test_functions_without_a_hash():
+    found = sweeps.evaluate(Unhashable(2.0), ("curvature",))({"radius": RADII})
+    np.testing.assert_allclose(found["curvature"], 0.5 / RADII, rtol=1e-12)
+
+
+def only(value, allowed):
+    """Return a value, or raise the ValueError of a point that is no problem."""
+    if value not in allowed:
+        raise ValueError(f"{value} is not allowed")
+    return value
+
+
+STREET = qt.Route([0.0, 2.0, 4.0], [[0.0, 0, 0], [8.0, 0.5, 0], [16.0, 3, 0]], [[4.0, 0.5, 0]] * 3, [[0.0, 0, 0]] * 3)
+
+
+@pytest.mark.parametrize(
+    ("make", "problem", "name"),
+    [
+        (sweeps.retime, lambda p: (circle({"radius": 4.0}), qt.Limits(speed=only(p["a"], (3.0,)))), "duration"),
+        (sweeps.tune_route, lambda p: (STREET, qt.Limits(acceleration=only(p["a"], (3.0,)))), "duration"),
+        (lambda f: sweeps.tune(f, starts=1), lambda p: turn({"speed": 5.0, "limit": only(p["a"], (3.0,))}), "duration"),
+        (lambda f: sweeps.tune(f, starts=1), lambda p: turn({"speed": 5.0, "limit": p["a"]}), "duration"),
+    ],
+    ids=["retime", "tune_route", "tune", "limits of tune"],
+)
+def test_points_that_are_no_problem_fail_alone(tmp_path, make, problem, name):
+    swept = qt.sweep(make(problem), {"a": [3.0, -1.0, -2.0]}, tmp_path, workers=0, shard=2)
+    assert swept.successful
+    assert swept.failed["point"].tolist() == [1, 2]
+    assert np.isnan(swept.to_xarray()[name].values).tolist() == [False, True, True]

@@ -108,7 +108,7 @@ FAULTS = [
     ({"a": [[1.0], [2.0, 3.0]]}, {}, "the parameter 'a' must be a list of numbers"),
     ({"a": np.zeros((2, 2))}, {}, "in one dimension"),
     ({"status": [1.0]}, {}, "the name 'status' is reserved"),
-    ({"a/b": [1.0]}, {}, "without '/'"),
+    ({"a/b": [1.0]}, {}, "must be a string of letters, digits"),
     ({3: [1.0]}, {}, "the name of a parameter must be a string"),
     ([1.0], {}, "parameters must be a dictionary"),
     ({"a": lambda p: 1.0}, {}, "all parameters are functions"),

@@ -6,6 +6,7 @@ import json
 import shutil
 import subprocess
 import sys
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -220,7 +221,7 @@ def test_a_changed_constant_is_another_function(tmp_path, monkeypatch):
         sweep(scaled, {"a": [1.0]}, tmp_path)
 
 
-@pytest.mark.parametrize("version", ["qtraj", "JAX", "NumPy"])
+@pytest.mark.parametrize("version", ["qtraj", "Python", "JAX", "NumPy"])
 def test_other_versions_are_refused(tmp_path, version):
     sweep(scaled, {"a": [1.0]}, tmp_path)
     file = tmp_path / ".sweep/identity.json"
@@ -333,7 +334,13 @@ ARGUMENTS = [
     ({"histograms": {"z": (0.0, 1.0)}}, "the histogram of 'z' is unknown; did you mean|the known outputs are y"),
     ({"parameters": {"a": np.arange(3e6)}, "shard": 1}, "a store has at most 1000000"),
     ({"parameters": {"y": [1.0]}, "function": lambda p: {"y": 1.0}}, "the output 'y' has the name of a parameter"),
-    ({"function": lambda p: {"status": 1.0}}, "an output cannot have the name 'status'"),
+    ({"function": lambda p: {"status": 1.0}}, "the name 'status' is reserved: choose another name for an output"),
+    ({"function": lambda p: {"zarr.json": 1.0}}, "the name 'zarr.json' is reserved"),
+    ({"function": lambda p: {"y\n": 1.0}}, "the name of an output must be a string of letters"),
+    ({"function": lambda p: {"Y": 1.0, "y": 1.0}}, "the names 'Y' and 'y' differ only in their case"),
+    ({"function": lambda p: {"A": 1.0}}, "the names 'a' and 'A' differ only in their case"),
+    ({"function": lambda p: {"y" * 300: 1.0}}, "the name of an output must have at most 200 bytes"),
+    ({"parameters": {"a\\..": [1.0]}}, "the name of a parameter must be a string of letters"),
     ({"function": lambda p: {"failed": True}}, "no output except 'failed'"),
 ]
 
@@ -372,3 +379,86 @@ def test_importing_qtraj_does_not_import_dask():
         "import sys, qtraj; qtraj.sweep, qtraj.sweeps.Uniform; print([m for m in ('dask', 'zarr') if m in sys.modules])"
     )
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+
+
+def test_a_removed_folder_leaves_no_columns(tmp_path):
+    for values in ([1.0, 2.0, 3.0], [4.0, 5.0, 6.0]):
+        swept = sweep(scaled, {"a": Column(values)}, tmp_path / "out")
+        assert swept.to_xarray()["a"].values.tolist() == values
+        shutil.rmtree(tmp_path / "out")
+
+
+@dataclass
+class Unnoticed:
+    """A function with a number that is not part of its digest."""
+
+    k: float = field(compare=False)
+
+    def __call__(self, p):
+        return {"y": self.k}
+
+
+def test_each_run_has_its_own_plan(tmp_path):
+    for k in (1.0, 7.0):
+        swept = sweep(Unnoticed(k), {"a": [1.0]}, tmp_path / "out")
+        assert swept.to_xarray()["y"].values.tolist() == [k]
+        shutil.rmtree(tmp_path / "out")
+
+
+def test_a_function_that_fails_at_once_leaves_the_folder_to_the_corrected_one(tmp_path):
+    for values in ([1.0, 2.0], [3.0, 4.0, 5.0]):
+        with pytest.raises(ValueError, match="raises an error at all of the first points"):
+            sweep(lambda p: {"y": p["typo"]}, {"a": Column(values)}, tmp_path)
+    assert sweep(scaled, {"a": Column([1.0, 2.0])}, tmp_path).to_xarray()["y"].values.tolist() == [2.0, 4.0]
+
+
+def test_only_the_units_of_this_sweep_are_part_of_it(tmp_path):
+    sweep(scaled, {"a": [1.0]}, tmp_path, units={"y": "m"})
+    assert sweep(scaled, {"a": [1.0]}, tmp_path, units={"y": "m", "other": "s"}).successful
+    sweep(outputs, GRID, tmp_path / "long", units={"a": "m" * 400})
+    with pytest.raises(ValueError, match=r"the argument 'units' differs \({'a': 'm{20,100} … there, ") as caught:
+        sweep(outputs, GRID, tmp_path / "long", units={"a": "s" * 400})
+    assert len(str(caught.value)) < 600
+
+
+def test_the_quantile_zero_is_in_the_first_bin_with_points(tmp_path):
+    swept = sweep(lambda p: {"y": p["a"]}, {"a": [0.42, 0.45, 0.75]}, tmp_path, histograms={"y": (0.0, 1.0, 10)})
+    assert swept.summary["y"].quantile(0) == pytest.approx(0.4)
+    assert swept.summary["y"].quantile(1) == pytest.approx(0.8)
+
+
+@pytest.mark.parametrize("content", [b"[]", b'"x"', b'{"the seed": 0, ', b"\xff\xfe"])
+def test_a_damaged_identity_is_named(tmp_path, content):
+    sweep(scaled, {"a": [1.0]}, tmp_path)
+    (tmp_path / ".sweep/identity.json").write_bytes(content)
+    with pytest.raises(ValueError, match=r"identity.json: this file of a sweep is damaged .*; remove the folder"):
+        sweep(scaled, {"a": [1.0]}, tmp_path)
+
+
+def test_damaged_and_lost_entries_are_computed_again(tmp_path):
+    sweep(outputs, GRID, tmp_path / "whole")
+    shutil.copytree(tmp_path / "whole", tmp_path / "damaged")
+    ledger = tmp_path / "damaged/.sweep/ledger"
+    entry = json.loads((ledger / "0/3").read_text())
+    for changed in ({"fingerprint": entry["fingerprint"]}, entry | {"checksums": 3}, entry | {"failed": "none"}, []):
+        (ledger / "0/3").write_text(json.dumps(changed))
+        assert sweep(outputs, GRID, tmp_path / "damaged").successful
+        assert same(tmp_path / "whole", tmp_path / "damaged")
+    shutil.rmtree(ledger)
+    assert sweep(outputs, GRID, tmp_path / "damaged").successful
+    assert same(tmp_path / "whole", tmp_path / "damaged")
+
+
+def test_files_that_a_killed_zarr_has_left_are_removed(tmp_path):
+    sweep(scaled, {"a": [1.0]}, tmp_path / "whole")
+    shutil.copytree(tmp_path / "whole", tmp_path / "killed")
+    (tmp_path / "killed/.sweep/schema.json").unlink()
+    for name in ("zarr.json.1.partial", "y/zarr.json.2.partial"):
+        (tmp_path / "killed" / name).touch()
+    assert sweep(scaled, {"a": [1.0]}, tmp_path / "killed").successful
+    assert same(tmp_path / "whole", tmp_path / "killed")
+
+
+def test_a_shard_has_at_most_all_points(tmp_path):
+    sweep(scaled, {"a": [1.0, 2.0]}, tmp_path, shard=10**12)
+    assert (tmp_path / "y/c/0").stat().st_size == 16

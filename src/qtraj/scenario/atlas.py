@@ -36,6 +36,9 @@ UNITS = {
 }
 """The keys that may change, other than limits, and their units."""
 
+MAGNITUDES = ("start.speed", "end.speed", "start.radius", "end.radius", "radius", "duration")
+"""Those that cannot be negative."""
+
 
 class AxisPart(Part):
     """One axis of the atlas: the key that changes, and its range.
@@ -52,7 +55,8 @@ class AxisPart(Part):
 
     def _faults(self) -> Iterator[str]:
         self.axis()  # raises for a range without length and for too many cells
-        yield from ()
+        if self.key in MAGNITUDES and self.range[0] < 0:
+            yield f"the range of {self.key} starts at {self.range[0]}, but this key cannot be negative"
 
     def axis(self) -> AtlasAxis:
         """Return the axis.

@@ -1,8 +1,8 @@
 """Build the function and the parameters of a sweep from a scenario with a table [sweep]."""
 
-import contextlib
 import copy
 import dataclasses
+import functools
 import hashlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -79,37 +79,12 @@ class ScenarioFunction:
     def __call__(self, points: Mapping[str, np.ndarray]) -> dict[str, Any]:
         """Return the outputs of all points; points that are no valid scenario fail.
 
-        **Raises:** ValueError with the message of the first point, if no point is valid.
+        **Raises:** NoValidPointError with the message of the first point, if no point is valid.
         """
-        tasks, first = {}, None
-        rows = zip(*(values.tolist() for values in points.values()), strict=True)
-        for k, row in enumerate(rows):
-            try:
-                tasks[k] = self.task(dict(zip(points, row, strict=True)))
-            except ValueError as error:
-                first = first or error
-        if not tasks:
-            raise ValueError(str(first)) from first
-        outputs, places = self._computed(tasks)
-        return _spread(outputs, places, len(next(iter(points.values()))))
-
-    def _computed(self, tasks: Mapping[int, Any]) -> tuple[dict[str, Any], list[int]]:
-        """Return the outputs of all tasks, and the numbers of the tasks that they belong to.
-
-        **Raises:** ValueError with the message of the first task, if no task can be computed.
-        """
-        run, parts, places, first = sweep_runs.RUNS[self.run], [], [], None
-        with contextlib.suppress(ValueError):  # of some task, or because these tasks cannot be one batch
-            return run([*tasks.values()], **self.options), [*tasks]
-        for place, task in tasks.items():
-            try:
-                parts.append(run([task], **self.options))
-                places.append(place)
-            except ValueError as error:
-                first = first or error
-        if first is not None and not parts:
-            raise first
-        return results.joined(parts), places
+        rows = [*zip(*(values.tolist() for values in points.values()), strict=True)]
+        tasks = results.valid(lambda row: self.task(dict(zip(points, row, strict=True))), dict(enumerate(rows)))
+        run = functools.partial(sweep_runs.RUNS[self.run], **self.options)
+        return results.computed(run, tasks, len(rows))
 
     def task(self, point: Mapping[str, Any]) -> Any:
         """Return the task of one point.
@@ -144,7 +119,7 @@ def read_sweep(file: Path) -> SweepTask:
     run = part.run or DEFAULTS[kind]
     options = {"outputs": tuple(part.outputs), "reduce": part.reduce} if run == "evaluate" else {}
     plain = {name: value for name, value in own.items() if name not in ("name", "description", "purpose")}
-    function = ScenarioFunction(plain, kind, run, options, dict(_contents(plain, file.parent)), file)
+    function = ScenarioFunction(plain, kind, run, options, dict(_contents(plain, file.parent)), file.absolute())
     with naming(f"{file}: "):
         parameters = part.parameters(loaded.beside)
     arguments = {
@@ -217,17 +192,3 @@ def _contents(value: Any, folder: Path) -> Iterator[tuple[str, str]]:
             yield from _contents(inner, folder)
     elif isinstance(value, str) and len(value) < 256 and "\n" not in value and (folder / value).is_file():
         yield value, hashlib.sha256((folder / value).read_bytes()).hexdigest()
-
-
-def _spread(outputs: Mapping[str, Any], places: list[int], count: int) -> dict[str, Any]:
-    """Return outputs of some of the points as outputs of all of them; the others failed."""
-    if len(places) == count:
-        return dict(outputs)
-    failed = np.ones(count, bool)
-    failed[places] = outputs.get("failed", False)
-    spread: dict[str, Any] = {}
-    for name, values in outputs.items():
-        fill = np.nan if values.dtype.kind == "f" else -1 if values.dtype.kind == "i" else 0
-        spread[name] = np.full((count, *values.shape[1:]), fill, values.dtype)
-        spread[name][places] = values
-    return spread | {"failed": failed}

@@ -120,8 +120,9 @@ def _source(value: dict[str, Any], beside: Callable[[str], Path]) -> Any:
             return Normal(mean, sigma)
         case {"file": str(file), "column": str(column)}:
             return Column(beside(file), column)
-        case {"from": first, "to": last, "steps": int(steps)} if _is_number(first) and _is_number(last) and steps > 0:
-            return _spaced(first, last, steps)
+        case {"from": first, "to": last, "steps": int(steps)} if _are_ends(first, last) and steps > 0:
+            if steps is not True:
+                return _spaced(first, last, steps)
     raise ValueError(f"{value} was given, but {EXPECTED} was expected")
 
 
@@ -132,6 +133,10 @@ def _spaced(first: float, last: float, steps: int) -> np.ndarray:
     values = np.linspace(first, last, steps)
     whole = isinstance(first, int) and isinstance(last, int) and (values == np.round(values)).all()
     return values.astype(int) if whole else values
+
+
+def _are_ends(*ends: Any) -> bool:
+    return all(_is_number(x) and not isinstance(x, bool) for x in ends)
 
 
 def _is_number(value: Any) -> bool:

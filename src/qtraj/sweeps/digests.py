@@ -1,17 +1,21 @@
 """Compute digests of functions and values, which change if a sweep would compute something else.
 
-The digest of a function contains its source, its defaults, the variables of its scope that it reads, and the functions
-of the user's own modules that it calls. Installed packages count by their versions only.
+The digest of a function contains its compiled code, its defaults, the variables of its scope that it reads, and the
+functions, classes and modules of the user that it uses. Installed packages count by their names only.
 """
 
 import dataclasses
+import datetime
+import decimal
+import enum
+import fractions
 import functools
 import hashlib
-import inspect
+import logging
+import re
 import sys
-import sysconfig
 import types
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +23,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from qtraj.sweeps.code import file_of, global_names, imported, is_installed, is_installed_file, meaning
+
 DIGITS = 16
 """Number of hexadecimal digits of a digest."""
 
-_INSTALLED = tuple(str(Path(sysconfig.get_path(name)).resolve()) for name in ("stdlib", "purelib", "platlib"))
-_OWN = str(Path(__file__).parents[1].resolve())
+_Seen = dict[int, tuple[int, Any]]
+"""The objects that were visited: their numbers, and themselves, so that no other object gets the same id."""
+
+_ATOMS = (str, bytes, bytearray, int, float, complex, Path, type(None), type(...), np.generic, np.dtype, range)
+_ATOMS += (np.ufunc, fractions.Fraction, decimal.Decimal, datetime.timedelta, datetime.date, datetime.time, re.Pattern)
+"""Types whose texts contain their whole content."""
 
 
 def digest(value: Any) -> str:
@@ -32,7 +42,7 @@ def digest(value: Any) -> str:
     **Raises:** ValueError for an object whose content is unknown, because its digest would not be reproducible.
     """
     hashed = hashlib.sha256()
-    for part in _parts(value, set()):
+    for part in _parts(value, {}):
         hashed.update(len(part).to_bytes(8, "big") + part)
     return hashed.hexdigest()[:DIGITS]
 
@@ -45,113 +55,180 @@ def name_of(function: Any) -> str:
     return f"{named.__module__}.{named.__qualname__}"
 
 
-def _parts(value: Any, seen: set[int]) -> Iterator[bytes]:
-    if isinstance(value, str | bytes | int | float | complex | Path | type(None) | np.generic | np.dtype):
+def _parts(value: Any, seen: _Seen) -> Iterator[bytes]:
+    if isinstance(value, enum.Enum):
+        yield f"enum {type(value).__qualname__} {value.name}".encode()
+        yield from _parts(value.value, seen)
+    elif isinstance(value, _ATOMS):
         yield f"{type(value).__name__} {value!r}".encode()
     elif isinstance(value, np.ndarray | jax.Array):
-        array = np.asarray(jax.random.key_data(value) if _is_key(value) else value)
-        if array.dtype.hasobject:
-            yield from _parts(array.tolist(), seen)
-            return
+        yield from _array(value, seen)
+    elif isinstance(value, tuple | slice | set | frozenset):  # without numbers, because equal constants may be shared
+        yield from _values(value, seen)
+    elif id(value) in seen:
+        yield f"known {seen[id(value)][0]}".encode()
+    else:
+        seen[id(value)] = len(seen), value
+        yield from _compound(value, seen)
+
+
+def _array(value: Any, seen: _Seen) -> Iterator[bytes]:
+    array = np.asarray(jax.random.key_data(value) if _is_key(value) else value)
+    if array.dtype.hasobject:
+        yield f"objects {array.shape}".encode()
+        yield from _several(array.ravel().tolist(), seen)
+    else:
         yield f"array {array.shape} {array.dtype.str}".encode()
         yield np.ascontiguousarray(array).tobytes()
-    elif id(value) in seen:
-        yield b"known"
-    else:
-        seen.add(id(value))
-        yield from _compound(value, seen)
 
 
 def _is_key(value: Any) -> bool:
     return isinstance(value, jax.Array) and jnp.issubdtype(value.dtype, jax.dtypes.prng_key)
 
 
-def _compound(value: Any, seen: set[int]) -> Iterator[bytes]:
+def _values(value: Any, seen: _Seen) -> Iterator[bytes]:
+    if isinstance(value, set | frozenset):
+        yield f"set {sorted(map(digest, value))}".encode()
+        return
+    items = (value.start, value.stop, value.step) if isinstance(value, slice) else value
+    yield f"{type(value).__name__} {len(items)}".encode()
+    yield from _several(items, seen)
+
+
+def _compound(value: Any, seen: _Seen) -> Iterator[bytes]:
     if isinstance(value, types.ModuleType):
-        yield f"module {value.__name__}".encode()
+        yield from _module(value, seen)
     elif isinstance(value, Mapping):
         yield f"mapping {len(value)}".encode()
-        yield from _several([x for item in value.items() for x in item], seen)
-    elif isinstance(value, list | tuple):
-        yield f"{type(value).__name__} {len(value)}".encode()
+        yield from _several((x for item in value.items() for x in item), seen)
+    elif isinstance(value, list):
+        yield f"list {len(value)}".encode()
         yield from _several(value, seen)
-    elif isinstance(value, set | frozenset):
-        yield f"set {sorted(map(digest, value))}".encode()
     elif isinstance(value, functools.partial):
         yield b"partial"
-        yield from _several((value.func, value.args, value.keywords), seen)
+        yield from _several((value.func, value.args), seen)
+        yield from _named_values(value.keywords, seen)
     elif isinstance(value, types.MethodType):
+        yield b"method"
         yield from _several((value.__func__, value.__self__), seen)
     elif isinstance(value, types.FunctionType):
         yield from _function(value, seen)
+    elif isinstance(value, type):
+        yield from _class(value, seen)
     elif hasattr(value, "__wrapped__"):  # such as a function in jax.jit
         yield type(value).__name__.encode()
         yield from _parts(value.__wrapped__, seen)
-    elif isinstance(value, type | types.BuiltinFunctionType | np.ufunc):
-        yield from _named(value)
+    elif isinstance(value, logging.Logger):  # which does not change results
+        yield f"logger {value.name}".encode()
     else:
         yield from _object(value, seen)
 
 
-def _several(values: Any, seen: set[int]) -> Iterator[bytes]:
+def _several(values: Iterable[Any], seen: _Seen) -> Iterator[bytes]:
     for value in values:
         yield from _parts(value, seen)
 
 
-def _function(function: types.FunctionType, seen: set[int]) -> Iterator[bytes]:
-    yield f"function {function.__qualname__}".encode()
-    if _is_installed(function):
-        yield str(function.__module__).encode()
-        yield from _several([cell.cell_contents for cell in function.__closure__ or ()], seen)
-        return
-    yield _source(function)
-    yield from _several((function.__defaults__, function.__kwdefaults__), seen)
-    read = inspect.getclosurevars(function)
-    for name, value in sorted({**read.nonlocals, **read.globals}.items()):
+def _named_values(values: Mapping[str, Any], seen: _Seen) -> Iterator[bytes]:
+    yield str(len(values)).encode()
+    for name, value in sorted(values.items()):
         yield name.encode()
         yield from _parts(value, seen)
 
 
-def _named(value: Any) -> Iterator[bytes]:
-    yield f"name {getattr(value, '__module__', '')}.{getattr(value, '__qualname__', value)}".encode()
-    if isinstance(value, type) and not _is_installed(value):
-        yield _source(value)
+def _name(value: Any) -> bytes:
+    return f"name {getattr(value, '__module__', '')}.{getattr(value, '__qualname__', value)}".encode()
 
 
-def _object(value: Any, seen: set[int]) -> Iterator[bytes]:
-    """Yield the class and the fields of an object, or the leaves of a pytree."""
-    yield from _named(type(value))
-    if dataclasses.is_dataclass(value):
-        yield from _parts(
-            {field.name: getattr(value, field.name) for field in dataclasses.fields(value) if field.compare}, seen
-        )
-    elif hasattr(value, "__dict__"):
-        yield from _parts(vars(value), seen)
+def _function(function: types.FunctionType, seen: _Seen) -> Iterator[bytes]:
+    code = function.__code__
+    scope = dict(zip(code.co_freevars, map(_content, function.__closure__ or ()), strict=True))
+    yield f"function {code.co_qualname}".encode()
+    if is_installed(function):
+        yield str(function.__module__).encode()
+        yield from _named_values({k: x for k, x in scope.items() if type(x) is not object}, seen)
+        return
+    yield from _parts(meaning(code), seen)
+    yield from _parts(function.__defaults__, seen)
+    yield from _named_values(function.__kwdefaults__ or {}, seen)
+    known = function.__globals__
+    yield from _named_values({name: known[name] for name in global_names(code) if name in known} | scope, seen)
+    for name in imported(code):
+        yield from _source(name, file_of(name))
+
+
+def _content(cell: Any) -> Any:
+    try:
+        return cell.cell_contents
+    except ValueError:  # a variable without a value
+        return None
+
+
+def _module(module: types.ModuleType, seen: _Seen) -> Iterator[bytes]:
+    """Yield the source of a module of the user and of those that it uses, or the variables of one without a file."""
+    file = getattr(module, "__file__", None)
+    yield from _source(module.__name__, file)
+    if is_installed(module) or module.__name__ == "__main__":
+        return
+    variables = {name: x for name, x in vars(module).items() if not name.startswith("__")}
+    if file is None:
+        yield from _named_values(variables, seen)
+        return
+    used = (x if isinstance(x, types.ModuleType) else sys.modules.get(_module_of(x)) for x in variables.values())
+    yield from _named_values({x.__name__: x for x in used if x is not None}, seen)
+
+
+def _module_of(thing: Any) -> str:
+    return str(getattr(thing, "__module__", "")) if isinstance(thing, type | types.FunctionType) else ""
+
+
+def _source(module: str, file: str | None) -> Iterator[bytes]:
+    yield f"module {module}".encode()
+    if file is not None and module != "__main__" and not is_installed_file(file) and Path(file).is_file():
+        yield Path(file).read_bytes()
+
+
+def _class(cls: type, seen: _Seen) -> Iterator[bytes]:
+    """Yield the functions and the attributes of a class of the user and of its bases."""
+    yield _name(cls)
+    if is_installed(cls):
+        return
+    yield from _several(cls.__mro__[1:], seen)
+    for name, value in sorted(vars(cls).items()):
+        if _has_content(name, value):
+            yield name.encode()
+            yield from _several(_members(value), seen)
+
+
+def _has_content(name: str, value: Any) -> bool:
+    """Return whether an attribute of a class may change results; others describe the class, such as `__slots__`."""
+    is_function = callable(value) or isinstance(value, classmethod | staticmethod | property)
+    return is_function if name.startswith("__") else name != "_abc_impl"
+
+
+def _members(value: Any) -> Iterator[Any]:
+    """Yield the functions in an attribute of a class, or the attribute itself."""
+    if isinstance(value, property):
+        yield from (value.fget, value.fset)
+    elif isinstance(value, types.MemberDescriptorType | types.GetSetDescriptorType):
+        return  # a slot, whose value is in the object
     else:
+        inner = (getattr(value, name, None) for name in ("__func__", "func", "method"))
+        yield next((x for x in inner if isinstance(x, types.FunctionType)), value)
+
+
+def _object(value: Any, seen: _Seen) -> Iterator[bytes]:
+    """Yield the class and the fields of an object, or the name of a function that was not written in Python."""
+    yield from _parts(type(value), seen)
+    if hasattr(value, "__qualname__"):
+        yield _name(value)
+    if dataclasses.is_dataclass(value):
+        compared = [field.name for field in dataclasses.fields(value) if field.compare]
+        yield from _named_values({name: getattr(value, name) for name in compared}, seen)
+    elif hasattr(value, "__dict__"):
+        yield from _named_values(vars(value), seen)
+    elif not hasattr(value, "__qualname__"):
         raise ValueError(
             f"the function of the sweep reads {value!r}, whose content is unknown, so changes would pass unnoticed: "
             "create this object inside the function, or pass numbers instead"
         )
-
-
-def _source(thing: Any) -> bytes:
-    try:
-        return inspect.getsource(thing).encode()
-    except (OSError, TypeError):  # typed at a prompt
-        code = getattr(thing, "__code__", None)
-        return b"" if code is None else digest(_code(code)).encode()
-
-
-def _code(code: types.CodeType) -> tuple[Any, ...]:
-    """Return what a compiled function does, with the functions inside it."""
-    constants = [_code(x) if isinstance(x, types.CodeType) else x for x in code.co_consts]
-    return code.co_code, constants, code.co_names
-
-
-def _is_installed(thing: Any) -> bool:
-    """Return whether a function or a class is from Python, qtraj or another installed package."""
-    module = sys.modules.get(getattr(thing, "__module__", None) or "")
-    file = getattr(module, "__file__", None)
-    if file is None:
-        return getattr(thing, "__module__", "") not in ("__main__", None)
-    return str(Path(file).resolve()).startswith((_OWN, *_INSTALLED))

@@ -1,6 +1,7 @@
 """Describe what a sweep computes, so that a store is only completed by the sweep that started it."""
 
 import json
+import platform
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,9 @@ from qtraj.sweeps.digests import digest, name_of
 
 Identity = dict[str, str]
 """The parts of the description by name; their values are texts or digests."""
+
+LONGEST = 100
+"""Maximum number of characters of each value in the message about a difference."""
 
 ADVICE = "pass another folder, or remove this one to compute it anew"
 
@@ -34,6 +38,7 @@ def identity(
         **own,
         "the default dtype": "float64" if jax.config.read("jax_enable_x64") else "float32",
         "the version of qtraj": __version__,
+        "the version of Python": ".".join(platform.python_version_tuple()[:2]),
         "the version of JAX": jax.__version__,
         "the version of NumPy": np.__version__,
         **{name: str(value) for name, value in settings.items()},
@@ -45,8 +50,14 @@ def require_same(folder: Path, stored: Identity, own: Identity) -> None:
     for name in (*own, *stored):
         there, here = stored.get(name), own.get(name)
         if there != here:
-            changed = f"{name} differs ({there} there, {here} now)"
+            changed = f"{name} differs ({_short(there)} there, {_short(here)} now)"
             raise ValueError(f"{folder}: this folder contains another sweep, because {changed}: {ADVICE}")
+
+
+def _short(text: object) -> str:
+    """Return the start of a long text."""
+    whole = str(text)
+    return whole if len(whole) <= LONGEST else f"{whole[:LONGEST]} …"
 
 
 def fingerprint(own: Identity) -> str:

@@ -35,6 +35,8 @@ def write_metadata(
 
     made = provenance_attributes(np.dtype(float))
     made["coordinates"] = " ".join(parameters)
+    for left in (*store.folder.glob("*.partial"), *store.folder.glob("*/*.partial")):  # by Zarr, when it was killed
+        left.unlink()
     target = LocalStore(Path(store.folder))
     zarr.open_group(target, mode="a", zarr_format=3).attrs.put({**made, **attributes})
     for name, output in arrays.items():

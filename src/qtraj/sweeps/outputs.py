@@ -8,6 +8,7 @@ import numpy as np
 
 from qtraj.foundation.argument import described
 from qtraj.foundation.suggestion import suggestion
+from qtraj.sweeps.results import NoValidPointError
 
 OK, NOT_A_NUMBER, FAILED, RAISED = range(4)
 """The status of a point."""
@@ -84,7 +85,10 @@ def call(
         {},
     )
     if batch:
-        _fill(outcome, slice(None), function(dict(points)), schema, (count,))
+        try:
+            _fill(outcome, slice(None), function(dict(points)), schema, (count,))
+        except NoValidPointError as error:
+            outcome.status[:], outcome.texts[0] = RAISED, str(error)
     else:
         columns = {name: values.tolist() for name, values in points.items()}
         for k in range(count):

@@ -11,13 +11,11 @@ from qtraj.foundation.argument import described, require_whole
 from qtraj.foundation.suggestion import suggestion
 from qtraj.sweeps.distributions import Column, Distribution, Normal, Uniform, as_values
 from qtraj.sweeps.draws import DESIGNS, MOST_LATIN, MOST_SOBOL, latin_numbers
+from qtraj.sweeps.names import require_distinct, require_name
 from qtraj.sweeps.rows import Rows
 
 MOST_POINTS = 10**10
 """Maximum number of points of a sweep."""
-
-RESERVED = ("point", "status", "failed")
-"""Names in the store and in the results of functions that have a meaning of their own."""
 
 
 def rows_of(
@@ -68,10 +66,8 @@ def _require_names(parameters: Any) -> None:
     if not parameters:
         raise ValueError("there are no parameters: pass at least one, such as {'speed': [5.0, 10.0]}")
     for name in parameters:
-        if not isinstance(name, str) or not name or "/" in name or name.startswith((".", "__")):
-            raise ValueError(f"the name of a parameter must be a string without '/', but {described(name)} was given")
-        if name in RESERVED:
-            raise ValueError(f"the name '{name}' is reserved: choose another name for this parameter")
+        require_name(name, "a parameter")
+    require_distinct(parameters)
     if all(callable(value) for value in parameters.values()):
         raise ValueError("all parameters are functions of other parameters: pass at least one with values")
 

@@ -12,8 +12,10 @@ import numpy as np
 from qtraj.foundation.argument import described, require_whole
 from qtraj.sweeps.identity import Identity, fingerprint, identity
 from qtraj.sweeps.metadata import attributes_of, write_metadata
+from qtraj.sweeps.names import require_distinct, require_name
 from qtraj.sweeps.outputs import FATAL, Schema, WrongOutputError, schema_of
-from qtraj.sweeps.parameters import RESERVED, description, require_known, rows_of
+from qtraj.sweeps.parameters import description, require_known, rows_of
+from qtraj.sweeps.results import NoValidPointError
 from qtraj.sweeps.rows import Rows
 from qtraj.sweeps.shards import Plan
 from qtraj.sweeps.store import Store
@@ -57,7 +59,7 @@ class Request(NamedTuple):
 
 @dataclass(frozen=True)
 class Prepared:
-    """A store with the rows of its sweep, the arrays that they need in files, and the identity of the sweep."""
+    """A store with the rows of its sweep, the arrays that they need in files, and the identity without its outputs."""
 
     store: Store
     rows: Rows
@@ -85,7 +87,6 @@ def store_of(request: Request, folder: Path) -> Prepared:
         "the argument 'batch'": request.is_batch,
         "the argument 'keep'": request.keep,
         "the argument 'histograms'": {name: tuple(x) for name, x in sorted(histograms.items())},
-        "the argument 'units'": dict(sorted(_units(request).items())),
     }
     own = identity(request.function, description(rows, arrays), settings)
     if folder.exists() and not folder.is_dir():
@@ -103,27 +104,24 @@ def plan_of(request: Request, prepared: Prepared) -> Plan:
     """
     store, rows = prepared.store, prepared.rows
     store.open(prepared.identity, prepared.arrays)
-    schema = store.schema()
-    known = {} if schema is None else schema
-    x64 = bool(jax.config.read("jax_enable_x64"))
-    mark = fingerprint(prepared.identity)
-    plan = Plan(store, rows, request.function, request.is_batch, known, mark, x64, request.keep, prepared.histograms)
-    if schema is None:
-        schema = _learned(request.function, request.is_batch, rows)
-        plan = Plan(
-            store, rows, request.function, request.is_batch, schema, mark, x64, request.keep, prepared.histograms
-        )
-        require_known(prepared.histograms, tuple(schema), "the histogram of")
-        about = attributes_of((*schema, *rows.names), _units(request))
+    known = store.schema()
+    schema = _learned(request.function, request.is_batch, rows) if known is None else known
+    require_known(prepared.histograms, tuple(schema), "the histogram of")
+    units = {name: unit for name, unit in _units(request).items() if name in (*schema, *rows.names)}
+    own = prepared.identity | {"the argument 'units'": str(dict(sorted(units.items())))}
+    store.claim(own)
+    mark, x64 = fingerprint(own), bool(jax.config.read("jax_enable_x64"))
+    plan = Plan(store, rows, request.function, request.is_batch, schema, mark, x64, request.keep, prepared.histograms)
+    if known is None:
         names = rows.names if request.keep else ()
-        write_metadata(store, plan.arrays, names, about, {"sweep": mark})
+        write_metadata(store, plan.arrays, names, attributes_of((*schema, *rows.names), units), {"sweep": mark})
         store.write_schema(schema)
     return plan
 
 
 def _learned(function: Callable[..., Any], batch: bool, rows: Rows) -> Schema:
     """Return the outputs of a function from the first of some points at which it succeeds."""
-    first: Exception | None = None
+    first: BaseException | None = None
     for number in dict.fromkeys(np.linspace(0, rows.count - 1, TRIALS).astype(int).tolist()):
         points = rows.at(number, number + 1)
         try:
@@ -132,7 +130,7 @@ def _learned(function: Callable[..., Any], batch: bool, rows: Rows) -> Schema:
         except (WrongOutputError, *FATAL):
             raise
         except Exception as error:
-            first = first or error
+            first = first or (error.__cause__ if isinstance(error, NoValidPointError) else error)
             continue
         return _checked(schema, rows)
     raise ValueError(
@@ -147,15 +145,15 @@ def _checked(schema: Schema, rows: Rows) -> Schema:
     for name in schema:
         if name in rows.names:
             raise WrongOutputError(f"the output '{name}' has the name of a parameter: return it under another name")
-        if name in RESERVED or "/" in name or name.startswith((".", "__")) or not name:
-            raise WrongOutputError(f"an output cannot have the name '{name}': return it under another name")
+        require_name(name, "an output")
+    require_distinct((*rows.names, *schema))
     return schema
 
 
 def _shard_size(request: Request, points: int) -> int:
     if request.shard is not None:
         require_whole(request.shard, "shard", 1)
-        size = request.shard
+        size = min(request.shard, points)
     else:
         usual = getattr(request.function, "shard", BATCH if request.is_batch else SINGLE)
         size = min(usual, max(SMALLEST if request.is_batch else 1, -(-points // FEWEST_SHARDS)))

@@ -1,10 +1,10 @@
 """Create the functions of common sweeps: evaluations, proofs, tunings, retimings and closed loops of many points.
 
 Each function of this module takes a function of one point and returns a function of a batch of points for `sweep`. It
-calls ours once for the batch where that is possible.
+calls ours once for the batch where that is possible. In `tune`, `tune_route` and `retime`, points whose function raises
+a ValueError fail.
 """
 
-import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
@@ -18,6 +18,7 @@ from qtraj.design.proof.certify import certify as certify_paths
 from qtraj.foundation.argument import require_whole
 from qtraj.path.channel import CHANNELS
 from qtraj.sweeps import results
+from qtraj.sweeps.digests import digest
 
 Point = Mapping[str, Any]
 Points = Mapping[str, np.ndarray]
@@ -201,24 +202,33 @@ def _certified(path: Any, points: Points, limits: Any) -> dict[str, Any]:
 def _tuned(problem: Any, points: Points, **options: Any) -> dict[str, Any]:
     from qtraj.design.tuning.tune import tune as tune_states  # imported here, because it imports optax
 
-    problems = [problem(point) for point in _each(points)]
-    return results.of_tuned(tune_states(*jax.tree.map(lambda *x: np.stack(x), *problems), **options))
+    def run(problems: list[Any]) -> results.Outputs:
+        return results.of_tuned(tune_states(*jax.tree.map(lambda *x: np.stack(x), *problems), **options))
+
+    each = _each(points)
+    return results.computed(run, results.valid(problem, dict(enumerate(each))), len(each))
 
 
 def _each_route(problem: Any, points: Points, **options: Any) -> dict[str, Any]:
     from qtraj.design.tuning_route.tune_route import tune_route as tune_one
 
-    return results.stacked([results.of_route(tune_one(*problem(point), **options)) for point in _each(points)])
+    return _one_by_one(lambda point: results.of_route(tune_one(*problem(point), **options)), points)
 
 
 def _each_timing(problem: Any, points: Points, **options: Any) -> dict[str, Any]:
     from qtraj.design.timing.retime import retime as retime_one
 
-    return results.stacked([results.of_timing(retime_one(*problem(point), **options)) for point in _each(points)])
+    return _one_by_one(lambda point: results.of_timing(retime_one(*problem(point), **options)), points)
+
+
+def _one_by_one(function: Callable[[Point], results.Outputs], points: Points) -> results.Outputs:
+    each = _each(points)
+    found = results.valid(function, dict(enumerate(each)))
+    return results.spread(results.stacked([*found.values()]), [*found], len(each))
 
 
 def _simulated(flight: Any, points: Points) -> dict[str, Any]:
-    mapped, count = _compiled(_motion_of(flight)), len(next(iter(points.values())))
+    mapped, count = _compiled(flight, _motion_of), len(next(iter(points.values())))
     parts = []
     for first in range(0, count, FLIGHTS):  # blocks of one size, which is compiled once
         at = np.minimum(np.arange(first, first + min(FLIGHTS, count)), count - 1)
@@ -231,13 +241,24 @@ def _mapped(function: Callable[[Point], Any], points: Points) -> Any:
     return jax.tree.map(np.asarray, _compiled(function)(dict(points)))
 
 
-@functools.lru_cache(maxsize=32)
-def _compiled(function: Callable[[Point], Any]) -> Callable[..., Any]:
-    """Return a function of one point, compiled for a batch; the cache keeps the executables for all shards."""
-    return jax.jit(jax.vmap(function))
+MOST_EXECUTABLES = 32
+
+_EXECUTABLES: dict[str, Callable[..., Any]] = {}
+"""Compiled functions by the digests of what they compute: a function that reads changed variables is another one."""
 
 
-@functools.lru_cache(maxsize=32)
+def _compiled(
+    function: Callable[[Point], Any], shaped: Callable[[Any], Any] = lambda function: function
+) -> Callable[..., Any]:
+    """Return `shaped(function)`, compiled for a batch; the cache keeps the executables for all shards."""
+    key = digest((shaped, function))
+    if key not in _EXECUTABLES:
+        if len(_EXECUTABLES) >= MOST_EXECUTABLES:
+            _EXECUTABLES.clear()
+        _EXECUTABLES[key] = jax.jit(jax.vmap(shaped(function)))
+    return _EXECUTABLES[key]
+
+
 def _motion_of(flight: Callable[[Point], Any]) -> Callable[[Point], Any]:
     def run(point: Point) -> Any:
         motion = flight(point)

@@ -1,6 +1,6 @@
 """Convert results of the library to outputs of a sweep: numbers and arrays by name."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,6 +9,11 @@ from qtraj.foundation.outcome import FAILURES
 from qtraj.path.quantity import QUANTITIES
 
 Outputs = dict[str, Any]
+
+
+class NoValidPointError(ValueError):
+    """No point of a batch is valid; the message is that of the first one."""
+
 
 UNITS = {
     "duration": "s",
@@ -74,3 +79,47 @@ def stacked(rows: Sequence[Outputs]) -> Outputs:
 def joined(parts: Sequence[Outputs]) -> Outputs:
     """Return the outputs of several batches as those of one."""
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def valid(function: Callable[[Any], Any], items: Mapping[int, Any]) -> dict[int, Any]:
+    """Return the results of a function for all items for which it raises no ValueError.
+
+    **Raises:** NoValidPointError if it raises one for all items.
+    """
+    found, first = {}, None
+    for place, item in items.items():
+        try:
+            found[place] = function(item)
+        except ValueError as error:
+            first = first or error
+    if not found:
+        raise NoValidPointError(str(first)) from first
+    return found
+
+
+def computed(run: Callable[[list[Any]], Outputs], tasks: Mapping[int, Any], count: int) -> Outputs:
+    """Return the outputs of `count` points from those of `tasks`, by the numbers of their points; all others failed.
+
+    The tasks are run together; if this raises a ValueError, one after the other, and those that raise one fail.
+
+    **Raises:** NoValidPointError if no task can be computed.
+    """
+    try:
+        return spread(run([*tasks.values()]), [*tasks], count)
+    except ValueError:  # of some task, or because these tasks cannot be one batch
+        parts = valid(lambda task: run([task]), tasks)
+        return spread(joined([*parts.values()]), [*parts], count)
+
+
+def spread(outputs: Outputs, places: Sequence[int], count: int) -> Outputs:
+    """Return outputs of some of the points as outputs of all of them; the others failed."""
+    if len(places) == count:
+        return dict(outputs)
+    failed = np.ones(count, bool)
+    failed[places] = outputs.get("failed", False)
+    whole: Outputs = {}
+    for name, values in outputs.items():
+        fill = np.nan if values.dtype.kind == "f" else -1 if values.dtype.kind == "i" else 0
+        whole[name] = np.full((count, *values.shape[1:]), fill, values.dtype)
+        whole[name][places] = values
+    return whole | {"failed": failed}

@@ -80,7 +80,7 @@ class Rows:
 
     def _samples(self, start: int, stop: int) -> dict[str, np.ndarray]:
         """Return the random parameters and the columns of samples `start` to `stop`."""
-        values = {name: np.array(_mapped(file)[start:stop]) for name, file in self.columns.items()}
+        values = {name: np.array(_column(file)[start:stop]) for name, file in self.columns.items()}
         rest = [name for name in self.random if name not in self.columns]
         if self.design == "sobol" and rest:
             drawn = sobol_numbers(self.seed, len(rest), start, stop)
@@ -117,6 +117,12 @@ def _computed(name: str, function: Dependent, known: Mapping[str, np.ndarray], c
     return np.broadcast_to(values, (count,))
 
 
+def _column(file: Path) -> np.ndarray:
+    state = file.stat()
+    return _mapped(file, state.st_mtime_ns, state.st_ino, state.st_size)
+
+
 @functools.lru_cache(maxsize=64)
-def _mapped(file: Path) -> np.ndarray:
+def _mapped(file: Path, *state: int) -> np.ndarray:
+    """Return the content of a file; its `state` is another one after the file was replaced."""
     return np.load(file, mmap_mode="r", allow_pickle=False)

@@ -42,7 +42,7 @@ def run_on(client: Any, plan: Plan, shards: Sequence[int], retries: int) -> Iter
     """Yield the results of shards that the workers of a client compute, in the order in which they end.
 
     A few tasks for each thread are submitted at a time, so that the scheduler stays small, whatever the size of the
-    sweep.
+    sweep. Their number follows the threads of the cluster, which may grow and shrink during the sweep.
 
     **Raises:** OSError if the disk is full, or the connection to the scheduler is lost.
     """
@@ -62,18 +62,29 @@ def run_on(client: Any, plan: Plan, shards: Sequence[int], retries: int) -> Iter
         return futures
 
     try:
-        completed = as_completed(submit(AHEAD * max(sum(client.nthreads().values()), 1)))
+        completed = as_completed(submit(_most(client)))
         for future in completed:
             if future.cancelled():
                 raise ConnectionError(LOST)
             ended: Any = future.exception() or future.result()
             require_space(ended)
             yield numbers.pop(future), ended
-            completed.update(submit(1))
+            completed.update(submit(max(_most(client) - len(numbers), 0)))
     except (CancelledError, TimeoutError) as error:
         raise ConnectionError(LOST) from error
     finally:
         client.cancel([*numbers])
+
+
+def _most(client: Any) -> int:
+    """Return the number of tasks that may wait or run at the same time.
+
+    **Raises:** ConnectionError if the connection to the scheduler is lost.
+    """
+    try:
+        return AHEAD * max(sum(client.nthreads().values()), 1)
+    except OSError as error:
+        raise ConnectionError(LOST) from error
 
 
 def require_space(ended: Any) -> None:

@@ -1,8 +1,9 @@
 """Compute one shard of a sweep: the only task that workers run."""
 
 import time
+import uuid
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import jax
@@ -26,7 +27,7 @@ class Plan:
     """Everything that a worker needs to compute shards.
 
     `schema`: the outputs of the function. `x64`: whether JAX uses float64. `keep`: whether the store contains the
-    parameters and the outputs of each point.
+    parameters and the outputs of each point. `run`: the call of `sweep`, whose workers keep this plan.
     """
 
     store: Store
@@ -38,6 +39,7 @@ class Plan:
     x64: bool
     keep: bool
     histograms: Mapping[str, Histogram]
+    run: str = field(default_factory=lambda: uuid.uuid4().hex, compare=False)
 
     @property
     def arrays(self) -> dict[str, Output]:
@@ -62,8 +64,8 @@ class Done(NamedTuple):
 MOST_PLANS = 16
 """Number of plans that a process keeps."""
 
-_PLANS: dict[tuple[str, Store], Plan] = {}
-"""The plans of this process: each task brings its own copy of the function, but only the first one is compiled."""
+_PLANS: dict[str, Plan] = {}
+"""The plans of this process by run: each task brings its own copy of the function, but only the first is compiled."""
 
 
 def parameter_outputs(rows: Rows) -> dict[str, Output]:
@@ -108,7 +110,7 @@ def compute(plan: Plan, k: int) -> Done:
 def _first_copy(plan: Plan) -> Plan:
     if len(_PLANS) > MOST_PLANS:
         _PLANS.clear()
-    return _PLANS.setdefault((plan.fingerprint, plan.store), plan)
+    return _PLANS.setdefault(plan.run, plan)
 
 
 def _write(plan: Plan, k: int, points: Mapping[str, np.ndarray], outcome: Outcome) -> dict[str, int]:

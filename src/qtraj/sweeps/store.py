@@ -54,13 +54,15 @@ class Store:
         return k * self.shard, min((k + 1) * self.shard, self.points)
 
     def open(self, identity: Identity, arrays: Mapping[str, np.ndarray]) -> None:
-        """Create the store, or check that it contains this sweep; requires the lock.
+        """Create the store, or check that it contains this sweep as far as `identity` tells; requires the lock.
+
+        A new store belongs to no sweep until `claim`, so that nothing remains of a function that fails at once.
 
         **Raises:** ValueError if the folder contains something else; OSError if it is not writable.
         """
-        file = self.own / "identity.json"
-        if file.exists():
-            require_same(self.folder, read_json(file), identity)
+        if self._identity.exists():
+            stored = read_json(self._identity)
+            require_same(self.folder, {name: x for name, x in stored.items() if name in identity}, identity)
             self.clear_staging()
             return
         others = [x.name for x in self.folder.iterdir() if x.name != self.own.name]
@@ -69,13 +71,23 @@ class Store:
                 f"{self.folder}: this folder contains other files, such as {sorted(others)[0]}: pass a new folder"
             )
         self.clear_staging()
+        shutil.rmtree(self.columns, ignore_errors=True)  # of a sweep that has failed
         for folder in (self.columns, self.own / "ledger"):
             folder.mkdir(exist_ok=True)
         for k, values in enumerate(arrays.values()):
             np.save(self._staging / "column.npy", values)
             write_whole(self.columns / f"{k}.npy", (self._staging / "column.npy").read_bytes(), self._staging)
         self.clear_staging()
-        self.write_json(file, identity)
+
+    def claim(self, identity: Identity) -> None:
+        """Let an open store belong to this sweep, or check that it does; requires the lock.
+
+        **Raises:** ValueError if it belongs to another one.
+        """
+        if self._identity.exists():
+            require_same(self.folder, read_json(self._identity), identity)
+        else:
+            self.write_json(self._identity, identity)
 
     def schema(self) -> Schema | None:
         """Return the outputs of the function, or None if they are not known yet."""
@@ -103,7 +115,7 @@ class Store:
     def write_entry(self, k: int, entry: Mapping[str, Any]) -> None:
         """Add shard `k` to the ledger; all its chunks must exist."""
         file = self._entry(k)
-        file.parent.mkdir(exist_ok=True)
+        file.parent.mkdir(parents=True, exist_ok=True)
         self.write_json(file, entry)
 
     def entry(self, k: int, fingerprint: str) -> dict[str, Any] | None:
@@ -112,7 +124,7 @@ class Store:
             entry = json.loads(self._entry(k).read_bytes())
         except (FileNotFoundError, ValueError):
             return None
-        return entry if isinstance(entry, dict) and entry.get("fingerprint") == fingerprint else None
+        return entry if _is_entry(entry) and entry["fingerprint"] == fingerprint else None
 
     def entries(self, fingerprint: str) -> Iterator[tuple[int, dict[str, Any]]]:
         """Yield the numbers and the entries of all finished shards, in order."""
@@ -143,6 +155,10 @@ class Store:
         write_whole(file, json.dumps(content, indent=1).encode(), self._staging)
 
     @property
+    def _identity(self) -> Path:
+        return self.own / "identity.json"
+
+    @property
     def _staging(self) -> Path:
         return self.own / "staging"
 
@@ -158,12 +174,24 @@ class Store:
         return self.folder.joinpath(name, "c", str(k), *("0",) * (dimensions - 1))
 
 
-def read_json(file: Path) -> Any:
+def read_json(file: Path) -> dict[str, Any]:
     """Return the content of a JSON file of a store.
 
     **Raises:** ValueError with the name of the file if it is damaged.
     """
     try:
-        return json.loads(file.read_bytes())
+        content = json.loads(file.read_bytes())
+        if not isinstance(content, dict):
+            raise ValueError("an object was expected")
     except ValueError as error:
         raise ValueError(f"{file}: this file of a sweep is damaged ({error}); remove the folder") from None
+    return content
+
+
+_ENTRY = {"fingerprint": str, "points": int, "failed": int, "texts": list, "checksums": dict, "summary": dict}
+"""The keys of an entry of the ledger, and the types of their values."""
+
+
+def _is_entry(content: Any) -> bool:
+    """Return whether a JSON value is an entry of the ledger."""
+    return isinstance(content, dict) and all(isinstance(content.get(key), kind) for key, kind in _ENTRY.items())

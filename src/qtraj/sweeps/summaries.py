@@ -92,7 +92,7 @@ class Summary(NamedTuple):
 def _quantile(counts: np.ndarray, share: float, low: float, high: float) -> float:
     edges = np.concatenate([[np.nan], np.linspace(low, high, counts.size - 1), [np.nan]])
     target, below = share * counts.sum(), np.concatenate([[0], np.cumsum(counts)])
-    k = int(np.clip(np.searchsorted(below, target, side="left") - 1, 0, counts.size - 1))
+    k = int(np.clip(np.searchsorted(below, target, side="left") - 1, np.flatnonzero(counts)[0], counts.size - 1))
     part = (target - below[k]) / max(counts[k], 1)
     return float(edges[k] + part * (edges[k + 1] - edges[k]))
 

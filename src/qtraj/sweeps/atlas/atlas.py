@@ -16,6 +16,9 @@ from qtraj.sweeps.atlas.quadtree import Point, Quadtree, as_arrays
 BATCH = 1024
 """Default number of points in one call of the function."""
 
+MAX_FINE = 2**61
+"""Largest number of the finest cells in the whole plane, so that each has a number in 64 bits."""
+
 MAX_EVALUATIONS = 100_000
 """Default maximum number of points."""
 
@@ -60,7 +63,8 @@ def atlas(
 
     Raises:
         ValueError: For axes with equal names, another `follow`, a batch below 1, more coarse cells than
-            `max_evaluations`, and results of the function with wrong shapes or classes.
+            `max_evaluations`, tolerances so small that the plane would have more than 2⁶¹ cells, and results of the
+            function with wrong shapes or classes.
 
     Example:
         >>> import qtraj as qt
@@ -132,6 +136,12 @@ def _require(x: AtlasAxis, y: AtlasAxis, follow: str, batch: int, max_evaluation
         raise ValueError(f"follow={follow!r} is unknown: {suggestion(str(follow), [*FOLLOWED], 'choices')}")
     if batch < 1:
         raise ValueError(f"batch must be 1 or more, but {batch} was given")
+    fine = (x.steps << max(x.levels, y.levels)) * (y.steps << max(x.levels, y.levels))
+    if fine > MAX_FINE:
+        raise ValueError(
+            f"cells as fine as the tolerances of both axes would be {fine:.2g} for the whole plane, but at most "
+            f"{MAX_FINE:.2g} can be numbered: pass larger tolerances or fewer steps"
+        )
     coarse = (x.steps + 1) * (y.steps + 1)
     if coarse > max_evaluations:
         raise ValueError(
