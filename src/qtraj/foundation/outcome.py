@@ -218,7 +218,7 @@ class ResultCode(enum.IntEnum):
         "fixed, or pass a placement with another axis.",
     )
     route_ill_posed = ILL_POSED + 13, "invalid route, limit or tube. Outside jit and vmap, the error says more."
-    inside_obstacle = ILL_POSED + 14, "the body is inside an obstacle at the start or at the end: move one of them."
+    inside_obstacle = ILL_POSED + 14, "the body is inside an obstacle at the start or at the end. Change this state."
     state_not_finite = (
         ILL_POSED + 10,
         "a boundary position, a velocity or the placement is NaN or infinite. Pass finite numbers.",
