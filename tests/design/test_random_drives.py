@@ -58,7 +58,8 @@ def test_a_parked_vehicle_with_jitter():
     np.testing.assert_array_equal(fitted.path.velocity(7.0), 0.0)
 
 
-def test_a_drive_that_ends_with_reversing_is_fitted_in_the_time():
+def test_a_drive_that_ends_with_reversing_a_short_way_is_fitted_in_the_time():
+    """The point of reversal is too close to the end: nothing would be left of a curve between them."""
     t = np.arange(0.0, 18.4, 0.1)
     speed = PchipInterpolator([0, 6, 12, 13, 14, 15, 16, 17, 18.4], [6, 6, 5, 2.5, 0.6, 0, -0.4, -0.4, 0])
     s = speed.antiderivative()(t)

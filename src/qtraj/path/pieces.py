@@ -44,12 +44,18 @@ def padded(starts: Any, c: Any) -> tuple[Any, Any]:
     )
 
 
-def hermite(h: Any, states: Any) -> Any:
+def hermite(h: Any, states: Any, sense: Any = None) -> Any:
     """Return the coefficients (n, terms, 3) of segments that connect the joint states (n + 1, orders, 3).
 
     `h` (n,) are the durations. The axes of the states are the joint, the order of the derivative, and the coordinate.
     Three orders, position to acceleration, yield quintics; four orders, position to jerk, yield septics.
+
+    `sense` (n,), 1 or −1, is the direction of a segment: with −1, it passes through both states backwards in time, so
+    its derivatives of odd orders are those of the states with the opposite sign.
     """
+    if sense is not None:
+        c = hermite(h * sense, states)
+        return c * (sense[:, None] ** np.arange(c.shape[1]))[:, :, None]
     a, b, h = states[:-1], states[1:], h[:, None]
     orders = states.shape[1]
     low = [a[:, k] / math.factorial(k) for k in range(orders)]

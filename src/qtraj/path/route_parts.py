@@ -84,8 +84,11 @@ def backwards(s: Segments, duration: np.ndarray, origin: np.ndarray) -> Built:
     starts = duration - np.append(s.starts, duration)[:0:-1]
     if s.progress is None:
         return starts, pieces.time_reversed(s.coefficients, s.durations)[::-1], duration, origin, None
-    own = progress.time_reversed(s.progress, s.durations)
-    return starts, s.coefficients[::-1], duration, origin, own[::-1]
+    # The parameter of the curves changes its sign, so that it still increases.
+    own = np.where(s.composed[:, None], -progress.time_reversed(s.progress, s.durations), progress.IDENTITY)
+    c = s.coefficients * (-1.0) ** np.arange(s.coefficients.shape[1])[:, None]
+    c = np.where(s.composed[:, None, None], c, pieces.time_reversed(s.coefficients, s.durations))
+    return starts, c[::-1], duration, origin, own[::-1]
 
 
 def joined(one: Segments, other: Segments, origins: tuple[np.ndarray, np.ndarray]) -> Built:

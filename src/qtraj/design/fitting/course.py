@@ -19,7 +19,8 @@ NEAR = 0.2
 class Piece(NamedTuple):
     """A part of the course from `start` to `end`, which begins at the parameter `first` and covers `advance`.
 
-    `zone` is its progress, or None; `stop` indicates a stop between zones.
+    `zone` is its progress, or None; `stop` indicates a stop between zones. `sense` is 1, or −1 after an odd number of
+    reversals.
     """
 
     start: float
@@ -28,6 +29,7 @@ class Piece(NamedTuple):
     advance: float
     zone: ZoneProgress | None
     stop: bool
+    sense: float
 
 
 class Course(NamedTuple):
@@ -53,11 +55,12 @@ class Course(NamedTuple):
 
 
 class Joints(NamedTuple):
-    """The knots w (m,) of the curve, whether a segment is a stop, and the piece of each segment."""
+    """The knots w (m,) of the curve, whether a segment is a stop, and the piece and the sense of each segment."""
 
     knots: Float[np.ndarray, " m"]
     is_stop: Bool[np.ndarray, " segments"]
     piece: Int[np.ndarray, " segments"]
+    sense: Float[np.ndarray, " segments"]
 
 
 def course(
@@ -65,18 +68,23 @@ def course(
 ) -> Course:
     """Return the course of a drive with these zones; stops without a zone are parts of other pieces."""
     ends = {zone.stop for zone in zones}
+    turns = np.array([zone.stop for zone in zones if zone.turns and zone.stop > zone.end])
     parts: list[tuple[float, float, ZoneProgress | None, bool]] = [
         (a, b, None, True) for a, b in stops if b > a and (a in ends or b in ends)
     ]
     parts += [(*zone.interval, own, False) for zone, own in zip(zones, progress, strict=True)]
     pieces, at, w = [], 0.0, 0.0
+
+    def piece(start: float, end: float, advance: float, zone: ZoneProgress | None, stop: bool) -> Piece:
+        return Piece(start, end, w, advance, zone, stop, (-1.0) ** np.count_nonzero(turns <= start))
+
     for start, end, zone, stop in [*sorted(parts, key=lambda x: x[:2]), (duration, duration, None, True)]:
         if start > at:
-            pieces.append(Piece(at, start, w, start - at, None, False))
+            pieces.append(piece(at, start, start - at, None, False))
             w += start - at
         if end > start:
             advance = 0.0 if stop else zone.advance if zone is not None else end - start
-            pieces.append(Piece(start, end, w, advance, zone, stop))
+            pieces.append(piece(start, end, advance, zone, stop))
             w += advance
         at = end
     return Course(pieces)
@@ -99,4 +107,5 @@ def joints(of: Course, knots: Float[np.ndarray, " m"], is_stop: Bool[np.ndarray,
         standing += (is_stop[middles] & (piece.zone is None)).tolist()
         owners += [k] * (len(edges) - 1)
         found += [*(piece.first + (inner - piece.start)), piece.first + piece.advance]
-    return Joints(np.array(found), np.array(standing, bool), np.array(owners))
+    sense = np.array([of.pieces[k].sense for k in owners])
+    return Joints(np.array(found), np.array(standing, bool), np.array(owners), sense)

@@ -1,7 +1,9 @@
 """Fit a drive with stops again: next to each stop a regular curve, with a progress along it.
 
 The fit in time determines the stops and the progress. Then all states of the route are fitted to all samples again, as
-functions of the parameter w of its course, which does not stop.
+functions of the parameter w of its course, which does not stop. Where the vehicle reverses, the curve continues with
+the opposite tangent and the same curvature vector: the front of the vehicle points in the same direction, and its wheels
+are not turned.
 """
 
 from typing import Any, NamedTuple
@@ -35,7 +37,7 @@ class Curves(NamedTuple):
 
 
 def with_curves(recording: Recording, problem: Problem, motion: Motion, smoothing: float) -> Curves | None:
-    """Return the fit with curves at the stops, or None for a drive without slow points, or only with reversals."""
+    """Return the fit with curves at the slow points, or None for a drive without a slow point that has zones."""
     scale = scale_of(motion)
     motion = with_slow_points(motion, scale)
     zones = find_zones(motion, scale)
@@ -48,14 +50,14 @@ def with_curves(recording: Recording, problem: Problem, motion: Motion, smoothin
     w, rates = along.at(recording.times)
     moved = recording._replace(times=w, rates=rates)
     in_zone = np.array([along.pieces[k].zone is not None for k in at.piece])
-    new = choice.problem(moved, at.knots, at.is_stop, [], np.where(in_zone, STIFF, 1.0))
+    new = choice.problem(moved, at.knots, at.is_stop, [], np.where(in_zone, STIFF, 1.0), at.sense)
     return Curves(moved, new, solution(moved, new, smoothing), along, at)
 
 
 def segments(of: Curves, unit: Units) -> tuple[Any, Any, Any]:
     """Return the starts [s], the coefficients [m] and the progress of the segments, for positions from the first."""
     states = of.found.states * unit.length / unit.time ** np.arange(3)[:, None]
-    curves = pieces.hermite(np.diff(of.joints.knots) * unit.time, states)
+    curves = pieces.hermite(np.diff(of.joints.knots) * unit.time, states, of.joints.sense)
     curves[of.joints.is_stop, 1:] = 0.0
     starts, rows, own = [], [], []
     for k, piece in enumerate(of.course.pieces):

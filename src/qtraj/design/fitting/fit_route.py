@@ -81,8 +81,10 @@ def fit_route(
     that was driven. There the route consists of regular curves R(w) with a progress w(t) (see `Route.progress`), from
     about a third of the distance that the vehicle drives almost straight before the stop, or more in noise, to as much
     after it; all samples are fitted again in the parameter w, and the progress keeps the vehicle at rest. So the
-    curvature is that of the street up to the stop. Stops at which the vehicle reverses, and recordings without noise,
-    are fitted in the time only.
+    curvature is that of the street up to the stop. Where the vehicle reverses, the route continues with the opposite
+    tangent and the same curvature vector: the vehicle keeps its heading and its steering angle. Recordings without
+    noise are fitted in the time only, and so are stops after which a vehicle continues at an angle between 90° and
+    135°, because it is unclear whether it reverses, and points of reversal close to an end of the recording.
 
     Samples are excluded as `outliers` if their distance from the route exceeds ten times the upper quartile of the
     distances and changes abruptly from one sample to the next. Gaps in the recording are bridged with minimum jerk. The

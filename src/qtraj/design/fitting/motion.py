@@ -51,7 +51,7 @@ class Motion(NamedTuple):
         return float(self.knots[0]), float(self.knots[-1])
 
     def at(self, t: np.ndarray, order: int = 0) -> Float[np.ndarray, "n 3"]:
-        """Return the positions (order 0) or the velocities (order 1) at increasing times."""
+        """Return the positions (order 0) or derivatives of another order at increasing times."""
         return predict(design(self.knots, t, order), self.states)
 
 

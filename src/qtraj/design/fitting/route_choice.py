@@ -65,7 +65,8 @@ class Problem(NamedTuple):
     """The least-squares problem of a recording for given knots and any smoothing.
 
     `positions` is the design matrix of the positions. `samples`, `jerk` and `stops` are the normal equations of the
-    samples, of the squared jerk and of the stops. `folds` contains the held-out samples of each fold.
+    samples, of the squared jerk and of the stops. `folds` contains the held-out samples of each fold. `sense` (m − 1,)
+    is the direction of the segments (see `qtraj.path.pieces.hermite`); None means forwards.
     """
 
     knots: Float[np.ndarray, " m"]
@@ -74,6 +75,7 @@ class Problem(NamedTuple):
     jerk: System
     stops: System
     folds: list["Fold"]
+    sense: Float[np.ndarray, " segments"] | None = None
 
     def system(self, smoothing: float) -> System:
         """Return the normal equations of the whole problem."""
@@ -97,12 +99,13 @@ def problem(
     is_stop: np.ndarray,
     folds: list[np.ndarray],
     stiffness: np.ndarray | float = 1.0,
+    sense: np.ndarray | None = None,
 ) -> Problem:
     """Build the least-squares problem for `knots` (m,), where `is_stop` (m − 1,) marks the segments that are stops.
 
-    `stiffness` (m − 1,) are weights of the jerk in the segments.
+    `stiffness` (m − 1,) are weights of the jerk in the segments, and `sense` (m − 1,) is their direction.
     """
-    positions = design(knots, recording.times)
+    positions = design(knots, recording.times, sense=sense)
 
     def held_out(fold: np.ndarray) -> Fold:
         at = positions.part(fold)
@@ -110,14 +113,14 @@ def problem(
         values, sigmas = recording.positions, recording.position_sigmas
         if recording.velocities is not None:
             rates = None if recording.rates is None else recording.rates[fold]
-            at = design(knots, recording.times[fold], 1).scaled(rates)
+            at = design(knots, recording.times[fold], 1, sense).scaled(rates)
             values, sigmas = recording.velocities, recording.velocity_sigmas
         return Fold(system, at, values[fold], sigmas.part(fold), recording.weights[fold])
 
     samples = sample_system(positions, recording.positions, recording.position_weights)
     stops = stop_system(knots, is_stop, STOP_WEIGHT * float(recording.weights.sum()) / len(is_stop))
     parts = [held_out(fold) for fold in folds]
-    return Problem(knots, positions, samples, jerk_system(knots, stiffness), stops, parts)
+    return Problem(knots, positions, samples, jerk_system(knots, stiffness, sense), stops, parts, sense)
 
 
 def folds(times: np.ndarray, step: float) -> list[Bool[np.ndarray, " n"]]:

@@ -35,7 +35,7 @@ def solution(recording: Recording, problem: Problem, smoothing: float) -> Soluti
     offsets = (predict(problem.positions, states) - recording.positions)[inliers]
     sigma = recording.position_sigmas.unit or float(np.sqrt(np.mean(offsets**2)))
     if recording.velocities is not None:
-        velocities = design(problem.knots, recording.times, 1).scaled(recording.rates)
+        velocities = design(problem.knots, recording.times, 1, problem.sense).scaled(recording.rates)
         velocity_errors = (predict(velocities, states) - recording.velocities)[inliers]
         velocity_sigma = recording.velocity_sigmas.unit or float(np.sqrt(np.mean(velocity_errors**2)))
         weights = recording.velocity_sigmas.of(sigma**2 / max(velocity_sigma**2, 1e-30) * recording.weights)

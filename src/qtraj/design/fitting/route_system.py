@@ -83,23 +83,32 @@ class Design:
         return csr_array((self.factors.ravel(), columns.ravel(), ends), shape=(len(columns), 3 * self.knots))
 
 
-def design(knots: Float[np.ndarray, " m"], times: Float[np.ndarray, " n"], order: int = 0) -> Design:
-    """Return the design matrix of the positions (order 0) or velocities (order 1) at `times`."""
+def design(
+    knots: Float[np.ndarray, " m"],
+    times: Float[np.ndarray, " n"],
+    order: int = 0,
+    sense: Float[np.ndarray, " segments"] | None = None,
+) -> Design:
+    """Return the design matrix of the positions (order 0), or of a derivative of another order, at `times`.
+
+    `sense` is the direction of each segment (see `qtraj.path.pieces.hermite`); None means forwards.
+    """
     i = np.clip(np.searchsorted(knots, times, side="right") - 1, 0, len(knots) - 2)
     h = (knots[1:] - knots[:-1])[i]
     u = (times - knots[i]) / h
     powers = np.ones((len(u), WIDTH - order))
     for k in range(1, powers.shape[1]):
         np.multiply(powers[:, k - 1], u, out=powers[:, k])
-    factors = BASIS[:, order:] * (np.arange(order, WIDTH) if order else 1)
+    factors = BASIS[:, order:] * [math.perm(k, order) for k in range(order, WIDTH)]
     values = powers @ factors.T
-    return Design(i, values * _scales(h) / (h[:, None] if order else 1), len(knots))
+    own = None if sense is None else sense[i]
+    return Design(i, values * _scales(h, own) / (h[:, None] ** order if order else 1), len(knots))
 
 
-def _scales(h: np.ndarray) -> np.ndarray:
+def _scales(h: np.ndarray, sense: np.ndarray | None = None) -> np.ndarray:
     """Return the factors (n, 6) that convert the six unknowns to lengths, for segments with durations `h` (n,)."""
-    one, square = np.ones_like(h), h * h
-    return np.stack([one, h, square, one, h, square], axis=1)
+    one, square, first = np.ones_like(h), h * h, h if sense is None else h * sense
+    return np.stack([one, first, square, one, first, square], axis=1)
 
 
 class System(NamedTuple):
@@ -131,7 +140,11 @@ def sample_system(at: Design, values: Float[np.ndarray, "n 3"], weights: Float[n
     return System(_banded(blocks), at.matrix.T @ (weights[:, None] * values))
 
 
-def jerk_system(knots: Float[np.ndarray, " m"], stiffness: Float[np.ndarray, " segments"] | float = 1.0) -> System:
+def jerk_system(
+    knots: Float[np.ndarray, " m"],
+    stiffness: Float[np.ndarray, " segments"] | float = 1.0,
+    sense: Float[np.ndarray, " segments"] | None = None,
+) -> System:
     """Return the normal equations of ∫ |r'''|² dt times `stiffness`, with smaller weights in the segments at both ends.
 
     The minimum of the integral has zero jerk at the ends, which the motion does not have. With full weights, the
@@ -139,7 +152,7 @@ def jerk_system(knots: Float[np.ndarray, " m"], stiffness: Float[np.ndarray, " s
     they would follow the noise.
     """
     h = knots[1:] - knots[:-1]
-    scales, weights = _scales(h), np.ones(len(h))
+    scales, weights = _scales(h, sense), np.ones(len(h))
     if len(h) > 3 * SOFT:
         weights[:SOFT] = SOFTEST ** (1 - np.arange(SOFT) / SOFT)
         weights[-SOFT:] = weights[SOFT - 1 :: -1]

@@ -91,16 +91,31 @@ def progress_in(motion: Motion, zones: list[Zone], criterion: Criterion) -> list
         speeds.setdefault(stop, []).append(max(least, own.speed[0] ** 2 + 0.5 * min(own.slope, 0.0) * own.way[-1]))
     at_stop = {stop: float(np.exp(0.5 * np.mean(np.log(squares)))) for stop, squares in speeds.items()}
     return [
-        _progress(zone, x, at_stop[stop], _rate_at(motion, stop, x, at_stop[stop]), criterion)
+        _progress(zone, x, at_stop[stop], _slowest(motion, zone, stop, x, at_stop[stop]), criterion)
         for zone, x, stop in zip(zones, samples, stops, strict=True)
     ]
 
 
-def _rate_at(motion: Motion, stop: tuple[float, float], x: _Samples, at_stop: float) -> float | None:
-    """Return the rate of the progress at a slow point, which zones on both sides share, or None at an end."""
+class _Slowest(NamedTuple):
+    """The `rate` of the progress at a slow point, and the `slope` of the rate, away from it; both zones share them."""
+
+    rate: float
+    slope: float = 0.0
+
+
+def _slowest(
+    motion: Motion, zone: Zone, stop: tuple[float, float], x: _Samples, at_stop: float
+) -> _Slowest | None:
+    """Return the rate at a slow point, or None at an end of the recording.
+
+    A vehicle that reverses without standing has the rate zero there, and the acceleration of the fit in time.
+    """
     if stop[1] > stop[0]:
-        return 0.0
-    return None if stop[0] in motion.ends else x.rate * max(float(x.speed[-1]), LEAST_SPEED) / at_stop
+        return _Slowest(0.0)
+    if zone.turns:
+        (acceleration,) = lengths(motion.at(np.array([stop[0]]), 2))
+        return _Slowest(0.0, float(acceleration) / at_stop)
+    return None if stop[0] in motion.ends else _Slowest(x.rate * max(float(x.speed[-1]), LEAST_SPEED) / at_stop)
 
 
 def _sampled(motion: Motion, zone: Zone) -> _Samples:
@@ -114,7 +129,7 @@ def _sampled(motion: Motion, zone: Zone) -> _Samples:
     return _Samples(t, way, speed / zone.rate, zone.rate)
 
 
-def _progress(zone: Zone, x: _Samples, at_stop: float, slowest: float | None, criterion: Criterion) -> ZoneProgress:
+def _progress(zone: Zone, x: _Samples, at_stop: float, slowest: _Slowest | None, criterion: Criterion) -> ZoneProgress:
     """Return the progress; at the slow point, V is `at_stop`, and the progress has the `slowest` rate."""
     goal = _goal(x, at_stop)
     parts = int(np.clip(round(x.t[-1] / criterion.spacing), MIN_PARTS, MAX_PARTS))
@@ -135,12 +150,12 @@ def _knots(parts: int, duration: float) -> np.ndarray:
 
 
 def _rates(
-    x: _Samples, goal: np.ndarray, slowest: float | None, parts: int, criterion: Criterion
+    x: _Samples, goal: np.ndarray, slowest: _Slowest | None, parts: int, criterion: Criterion
 ) -> Float[np.ndarray, " n"]:
     """Return the coefficients of the quadratic B-spline of the rate, from the end of the zone to the slow point.
 
-    They are not negative, so the rate is not. The first two are the rate at the end of the zone, and the last two are
-    the `slowest` rate, so the second derivative is zero at both ends. Without a `slowest` rate, the last two are free.
+    They are not negative, so the rate is not. The first two are the rate at the end of the zone, so the second
+    derivative is zero there, and the last two result in the `slowest` rate and its slope, or are free without them.
     """
     from scipy.interpolate import BSpline
     from scipy.optimize import nnls
@@ -149,7 +164,9 @@ def _rates(
     table = BSpline(knots, np.eye(count), 2).antiderivative()(x.t)
     shares = (knots[3:] - knots[:-3]) / 3
     given, free = np.zeros(count), np.arange(2, count if slowest is None else count - 2)
-    given[:2], given[-2:] = x.rate, slowest or 0.0
+    given[:2] = x.rate
+    if slowest is not None:
+        given[-1], given[-2] = slowest.rate, slowest.rate + 0.5 * slowest.slope * x.t[-1] / parts
     given[free] = LEAST_RATE * goal[-1] / x.t[-1]  # no other stop
     # The third derivative of the progress is constant in each part.
     third = (parts / x.t[-1]) ** 2 * np.diff(_ends_of_slopes(parts), axis=0)

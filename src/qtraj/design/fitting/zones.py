@@ -40,6 +40,10 @@ LEAST_SPEED = 0.15
 BACK, AWAY = 0.003, 2.0
 """Minimum distance by which a vehicle comes back in a zone where it reverses, relative to the zone and to the noise."""
 
+STRAIGHT_BACK = 0.7
+"""Minimum cosine of the angle between the chords of both zones at a point where the vehicle reverses: the zones are
+almost straight, so a smaller one could also belong to a sharp turn."""
+
 SAMPLES = 32
 """Number of samples between two knots, for lengths along the path."""
 
@@ -66,11 +70,15 @@ def scale_of(motion: Motion) -> Scale:
 
 
 class Zone(NamedTuple):
-    """A zone: the times of its slow point and of its other end, and the rate of the progress at this end."""
+    """A zone: the times of its slow point and of its other end, and the rate of the progress at this end.
+
+    `turns` indicates that the vehicle reverses at the slow point: it leaves it in the direction from which it came.
+    """
 
     stop: float
     end: float
     rate: float
+    turns: bool = False
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -96,7 +104,22 @@ def with_slow_points(motion: Motion, scale: Scale) -> Motion:
         if all(abs(way[k] - x) > apart for x in others):
             kept.append(float(way[k]))
             found.append((float(t[k]), float(t[k])))
-    return motion._replace(stops=sorted([*motion.stops, *found]))
+    return motion._replace(stops=_until_ends(motion, sorted([*motion.stops, *found])))
+
+
+def _until_ends(motion: Motion, slow: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Extend a stop to an end of the recording if the vehicle does not leave it, apart from noise, until there."""
+    start, end = motion.ends
+
+    def stays(a: float, b: float) -> bool:
+        at = motion.at(np.linspace(a, b, SAMPLES + 1))
+        return float(lengths(at - at[:1]).max()) <= AWAY * motion.noise.position
+
+    if slow and slow[0][0] < slow[0][1] and stays(start, slow[0][0]):
+        slow = [(start, slow[0][1]), *slow[1:]]
+    if slow and slow[-1][0] < slow[-1][1] and stays(slow[-1][1], end):
+        slow = [*slow[:-1], (slow[-1][0], end)]
+    return slow
 
 
 def _instants(joints: np.ndarray) -> np.ndarray:
@@ -111,13 +134,20 @@ def _travelled(motion: Motion, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def find_zones(motion: Motion, scale: Scale) -> list[Zone]:
-    """Return the zones in order; a slow point at which the vehicle reverses has none.
+    """Return the zones in order; a slow point at which the direction of the vehicle is not clear has none.
 
     A slow point whose zone ends where such a zone would end has none, either: their rates agree only with each other.
     """
     found = [zone for leg in _legs(motion) for zone in _zones_of(motion, scale, *leg)]
     zones_at = {stop: [zone for zone in found if zone.stop in stop] for stop in motion.stops}
-    fresh = [stop for stop, own in zones_at.items() if _reverses(motion, own)]
+    cosines = {stop: _cosine(motion, own) for stop, own in zones_at.items()}
+    zones_at = {
+        stop: [zone._replace(turns=cosines[stop] < 0) for zone in own] for stop, own in zones_at.items()
+    }
+    unclear = [stop for stop, cosine in cosines.items() if -STRAIGHT_BACK < cosine < 0]
+    fresh = [
+        stop for stop, own in zones_at.items() if stop in unclear or any(_turns_back(motion, zone) for zone in own)
+    ]
     while fresh:
         ends = {zone.end for stop in fresh for zone in zones_at.pop(stop)}
         fresh = [stop for stop, own in zones_at.items() if any(zone.end in ends for zone in own)]
@@ -167,8 +197,9 @@ def _turns_back(motion: Motion, zone: Zone) -> bool:
     return float(distances.max()) > at_slow_point + max(BACK * at_slow_point, AWAY * motion.noise.position)
 
 
-def _reverses(motion: Motion, zones: list[Zone]) -> bool:
-    """Return whether the vehicle reverses in the zones of a slow point, or leaves it to where it came from."""
-    chords = [np.diff(motion.at(np.array(zone.interval)), axis=0)[0] for zone in zones]
-    back = len(chords) == 2 and float(chords[0] @ chords[1]) < 0
-    return back or any(_turns_back(motion, zone) for zone in zones)
+def _cosine(motion: Motion, zones: list[Zone]) -> float:
+    """Return the cosine of the angle between the chords of the zones of a slow point; 1 if there is one zone only."""
+    if len(zones) < 2:
+        return 1.0
+    before, after = (np.diff(motion.at(np.array(zone.interval)), axis=0)[0] for zone in zones)
+    return float(before @ after / max(np.linalg.norm(before) * np.linalg.norm(after), np.finfo(float).tiny))

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from qtraj.design.tuning_route import basis, circuit
 from qtraj.design.tuning_route.chain import Border, Chain
 from qtraj.design.tuning_route.constraints import Curvature, Expansion
-from qtraj.design.tuning_route.problem import BLOCK, RouteProblem, Segments, bent, off_target, powers, squared_jerk
+from qtraj.design.tuning_route.problem import BLOCK, RouteProblem, Segments, bent, factors, off_target, squared_jerk
 
 _POWERS = np.array(basis.POWERS, float)[:, None, None]
 
@@ -114,9 +114,11 @@ def pushed(
     return np.concatenate([found, tube]), np.stack([-change.h / problem.shortest, change.h / problem.longest])
 
 
-def changed_ends(s: Segments, states: Float[np.ndarray, "6 3 n"], dh: Float[np.ndarray, " n"]) -> Segments:
+def changed_ends(
+    problem: RouteProblem, s: Segments, states: Float[np.ndarray, "6 3 n"], dh: Float[np.ndarray, " n"]
+) -> Segments:
     """Return the changes of the segments for changes of the states at their ends and of the durations."""
-    ends = powers(s.h) * states + _POWERS * s.ends * (dh / s.h)
+    ends = factors(problem, s.h) * states + _POWERS * s.ends * (dh / s.h)
     return Segments(dh, ends, ends)
 
 
@@ -170,7 +172,7 @@ def frames(problem: RouteProblem) -> Float[np.ndarray, "joints 10 10"]:
 
 def gradient(problem: RouteProblem, turns: Float[np.ndarray, "joints 10 10"], s: Segments, first: Local) -> np.ndarray:
     """Return the derivatives (joints, 10) with respect to the variables; `turns` are the `frames`."""
-    states = np.moveaxis(first.ends * powers(s.h), -1, 0).reshape(-1, 2, 9)
+    states = np.moveaxis(first.ends * factors(problem, s.h), -1, 0).reshape(-1, 2, 9)
     h = first.h + np.sum(_POWERS * s.ends * first.ends, axis=(0, 1)) / s.h
     total = np.zeros((len(turns), BLOCK))
     for k, (joints, sign) in enumerate(((np.s_[:-1], -1), (np.s_[1:], 1))):
@@ -211,7 +213,7 @@ def segment_hessian(
 ) -> Float[np.ndarray, "n 2 10 2 10"]:
     """Convert second derivatives to those with respect to the states and times of both joints, in world axes."""
     n = len(s.h)
-    factor, grown = powers(s.h), _POWERS * s.ends / s.h
+    factor, grown = factors(problem, s.h), _POWERS * s.ends / s.h
     turned = np.einsum("lmcdn,mdn->lcn", second.ends, grown)
     mixed = factor * (second.mixed + turned) + _POWERS * factor / s.h * first.ends
     h = second.h + np.sum(

@@ -23,13 +23,20 @@ quantities that depend on the direction of the velocity are undefined."""
 class Curves(NamedTuple):
     """The curves of a route: their `first` and `last` segments (m,), and whether they have a progress (m,).
 
-    `owner` (segments,) is the index of the curve of a segment, and −1 for a stop between curves.
+    `owner` (segments,) is the index of the curve of a segment, and −1 for a stop between curves. `sense` (m,) is 1, or
+    −1 after an odd number of joints at which the vehicle reverses.
     """
 
     first: Int[np.ndarray, " m"]
     last: Int[np.ndarray, " m"]
     composed: Bool[np.ndarray, " m"]
     owner: Int[np.ndarray, " segments"]
+    sense: Float[np.ndarray, " m"]
+
+    @property
+    def reversing(self) -> Float[np.ndarray, " m"] | None:
+        """The `sense` of the curves, or None if the vehicle never reverses."""
+        return self.sense if (self.sense < 0).any() else None
 
     def joint_rows(self) -> list[slice]:
         """Return the joints of the route that each joint (m + 1) of the chain stands for."""
@@ -47,7 +54,7 @@ def curves_of(s: Segments) -> Curves:
     count, composed = len(s.starts), s.composed
     if not composed.any():
         every = np.arange(count)
-        return Curves(every, every, composed, every)
+        return Curves(every, every, composed, every, np.ones(count))
     parked = ~composed & ~s.coefficients[:, 1:].any(axis=(1, 2))
     # Beyond the ends of the route, nothing prevents a stop from being a joint.
     between = parked & np.append(True, composed[:-1]) & np.append(composed[1:], True)
@@ -56,7 +63,16 @@ def curves_of(s: Segments) -> Curves:
     owner = np.where(between, -1, np.cumsum(starts) - 1)
     first = np.flatnonzero(starts)
     last = np.array([np.flatnonzero(owner == k)[-1] for k in range(len(first))])
-    return Curves(first, last, composed[first], owner)
+    found = Curves(first, last, composed[first], owner, np.ones(len(first)))
+    return found._replace(sense=_sense(found, s))
+
+
+def _sense(of: Curves, s: Segments) -> Float[np.ndarray, " m"]:
+    """Return the sense of the curves: it changes where two of them with a progress meet with opposite tangents."""
+    c, h = chain(of, s.coefficients, s.durations, s.progress)
+    cosines = np.sum(pieces.values(c, h, 1)[1][:-1] * c[1:, 1], axis=1)
+    turns = of.composed[:-1] & of.composed[1:] & (cosines < 0)
+    return np.cumprod(np.append(1.0, np.where(turns, -1.0, 1.0)))
 
 
 def chain(of: Curves, c: Any, durations: Any, own: Any) -> tuple[Any, Any]:

@@ -19,10 +19,10 @@ STRAIGHT[[1, 3, 4], 0] = 1.0
 """The scaled end states (see `basis`) of a straight line of length 1, which replaces segments that do not change."""
 
 
-def joint_states(c: Any, h: Any, still: Any, closed: bool) -> Any:
+def joint_states(c: Any, h: Any, still: Any, closed: bool, sense: Any = None) -> Any:
     """Return the states of the joints; `still` (n,) marks the segments that do not change.
 
-    The axes of the states (n + 1, 3, 3) are the joint, the order of the derivative and the component.
+    The velocities are those of a vehicle that drives forwards (see `RouteProblem.sense`). The axes of the states (n + 1, 3, 3) are the joint, the order of the derivative and the component.
 
     Where the route jumps, the state of a joint is the mean of the states on both sides. Next to a segment that does not
     change, the state is taken from that segment, so that the tuned route does not jump there. If the route is `closed`,
@@ -31,6 +31,9 @@ def joint_states(c: Any, h: Any, still: Any, closed: bool) -> Any:
     xp = pieces.arithmetic(c, h)
     first = xp.stack(pieces.values(c, xp.zeros_like(h), 2), axis=1)
     last = xp.stack(pieces.values(c, h, 2), axis=1)
+    if sense is not None:
+        turned = sense[:, None, None] ** np.arange(3.0)[:, None]
+        first, last = first * turned, last * turned
     weight = 0.5 * (1.0 + still - xp.roll(still, 1))[:, None, None]
     states = weight * first + (1.0 - weight) * xp.roll(last, 1, axis=0)
     ends = (states[:1], states[:1]) if closed else (first[:1], last[-1:])
@@ -45,19 +48,21 @@ def same_terms(one: Any, other: Any) -> tuple[Any, Any]:
     return first, second
 
 
-def smooth_fields(c: Any, h: Any, states: Any, tube: Any, moving: Any, composed: Any = None) -> dict[str, Any]:
+def smooth_fields(
+    c: Any, h: Any, states: Any, tube: Any, moving: Any, composed: Any = None, sense: Any = None
+) -> dict[str, Any]:
     """Return the fields of a `RouteProblem` that depend smoothly on the route and the tube, except the objective."""
     places = basis.places(composed, moving.shape[0])
     return {
-        "ends": ends(states, h, moving),
+        "ends": ends(states, h, moving, sense),
         "durations": pieces.arithmetic(h).where(moving > 0, h, 1.0),
-        "offset": offsets(c, h, states, moving, places),
+        "offset": offsets(c, h, states, moving, places, sense),
         "tube": tube_squares(tube, places),
         "axes": axes(states),
     }
 
 
-def ends(states: Any, h: Any, moving: Any) -> Any:
+def ends(states: Any, h: Any, moving: Any, sense: Any = None) -> Any:
     """Return the scaled end states (see `basis`); segments that do not change become straight lines of length 1.
 
     The axes of the result (6, 3, n) are the index of the scaled end state, the component and the segment.
@@ -65,7 +70,8 @@ def ends(states: Any, h: Any, moving: Any) -> Any:
     xp = pieces.arithmetic(states, h)
     start, end = states[:-1], states[1:]
     known = xp.concatenate([xp.zeros_like(start[:, :1]), start[:, 1:], end[:, :1] - start[:, :1], end[:, 1:]], axis=1)
-    known = known * (h[:, None] ** np.array([basis.POWERS], float))[:, :, None]
+    signed = h if sense is None else h * sense
+    known = known * (signed[:, None] ** np.array([basis.POWERS], float))[:, :, None]
     return xp.moveaxis(xp.where(moving[:, None, None] > 0, known, STRAIGHT[None]), 0, -1)
 
 
@@ -106,9 +112,11 @@ def axes(states: Any) -> Any:
     return xp.stack([along, left, xp.cross(along, left)], axis=1)
 
 
-def offsets(c: Any, h: Any, states: Any, moving: Any, nodes: Float[np.ndarray, "nodes n"]) -> Any:
+def offsets(
+    c: Any, h: Any, states: Any, moving: Any, nodes: Float[np.ndarray, "nodes n"], sense: Any = None
+) -> Any:
     """Return the quintics through the states minus the original path; axes (3, nodes, n): component, node, segment."""
-    own, c = same_terms(pieces.hermite(h, states), c)
+    own, c = same_terms(pieces.hermite(h, states, sense), c)
     xp = pieces.arithmetic(own, c)
     exponents = np.arange(own.shape[1], dtype=float)[None]
     # Separate powers, because the derivative of 0⁰ with respect to its base would be NaN.
@@ -141,6 +149,6 @@ def moved_states(problem: Any, states: Any, h: Any, z: Any) -> tuple[Any, Any]:
 def changed(problem: Any, c: Any, h: Any, states: Any, z: Any) -> tuple[Any, Any]:
     """Return coefficients and durations for the variables `z`; segments that do not change keep their coefficients."""
     new_states, new_h = moved_states(problem, states, h, z)
-    new, old = same_terms(pieces.hermite(new_h, new_states), c)
+    new, old = same_terms(pieces.hermite(new_h, new_states, problem.sense), c)
     xp = pieces.arithmetic(new, old)
     return xp.where(xp.asarray(problem.moving)[:, None, None] > 0, new, old), new_h

@@ -51,6 +51,8 @@ class RouteProblem(NamedTuple):
     None. `per_time` (n,): the change of a duration for a change of the time; 1, except that curves with a progress have
     a parameter of their own, and 0 for segments that do not change. `composed` (n,) marks these curves, and `rates`,
     `fine_rates` (3, nodes, n) are the derivatives of their progress (see `curves.rates`); None without such curves.
+    `sense` (n,) is −1 for segments that are driven in reverse, and otherwise 1: the velocity at a joint is that of a
+    vehicle which drives forwards, so it is continuous where the vehicle reverses. None if it never does.
     """
 
     names: tuple[str, ...]
@@ -78,6 +80,7 @@ class RouteProblem(NamedTuple):
     composed: Any = None
     rates: Any = None
     fine_rates: Any = None
+    sense: Any = None
     local: Any = None
     road: Any = None
     target: Any = None
@@ -112,7 +115,7 @@ class RouteProblem(NamedTuple):
 OF_SEGMENTS = (
     *("ends", "durations", "moving", "offset", "fine_offset", "tube", "fine_tube", "used"),
     *("shortest", "longest", "near", "pace", "jerk", "time", "per_time", "composed", "rates", "fine_rates", "local"),
-    *("road", "target", "origins", "reached"),
+    *("road", "target", "origins", "reached", "sense"),
 )
 
 
@@ -146,9 +149,10 @@ def joined(problem: RouteProblem, parts: list[Any], groups: list[Any] | None = N
     return found[..., order]
 
 
-def powers(h: Float[Any, " n"]) -> Float[Any, "6 1 n"]:
-    """Return the factors 1, h, h² that convert derivatives with respect to t into derivatives with respect to t/h."""
-    return xp.stack([xp.ones_like(h), h, h * h] * 2)[:, None]
+def factors(problem: RouteProblem, h: Float[Any, " n"]) -> Float[Any, "6 1 n"]:
+    """Return the factors that convert the states of joints into scaled end states: 1, h with the `sense`, and h²."""
+    first = h if problem.sense is None else h * problem.sense
+    return xp.stack([xp.ones_like(h), first, h * h] * 2)[:, None]
 
 
 def segments(problem: RouteProblem, z: Float[Any, "joints 10"]) -> Segments:
@@ -159,7 +163,7 @@ def segments(problem: RouteProblem, z: Float[Any, "joints 10"]) -> Segments:
     # h v − h₀v₀ = h δv + (h − h₀)v₀ avoids cancellation; the acceleration is treated in the same way.
     first = longer / h0
     growth = xp.stack([xp.zeros_like(h), first, first * (2 + first)] * 2)[:, None]
-    change = powers(h) * shifts + growth * problem.ends
+    change = factors(problem, h) * shifts + growth * problem.ends
     return Segments(h, change, problem.ends + change)
 
 

@@ -125,7 +125,7 @@ class Linear:
     def pushed(self, dz: Variables) -> PerConstraint:
         """Return the changes of the linearised constraints for a change of the variables."""
         problem, s = self.program.problem, self.segments
-        change: Segments = assembly.changed_ends(s, *moved(problem, dz))
+        change: Segments = assembly.changed_ends(problem, s, *moved(problem, dz))
         found = [assembly.pushed(part, self.expansion.part(k), change.part(k)) for k, part in self.program.groups]
         return self.program.flat(*joined(problem, found))
 

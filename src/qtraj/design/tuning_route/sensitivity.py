@@ -170,7 +170,7 @@ def _parts(data: Data, problem: RouteProblem, s: Structure) -> _Parts:
         real = jnp.isfinite(starts)
         h = jnp.where(real, h, 1.0)
         c = jnp.where(real[:, None, None], c, _end(c, h, jnp.sum(real) - 1)[None])
-    states = geometry.joint_states(c, h, 1.0 - problem.moving, problem.seam is not None)
+    states = geometry.joint_states(c, h, 1.0 - problem.moving, problem.seam is not None, problem.sense)
     return _Parts(durations, rows, own, c, h, states, real)
 
 
@@ -194,7 +194,7 @@ def _with_data(problem: RouteProblem, data: Data, s: Structure, length: Array) -
     count = len(s.curves.owner)
     widths = jnp.stack([jnp.broadcast_to(x, (count + 1,)) for x in data.tube], axis=1)
     widths = widths[np.array([own.start for own in s.curves.joint_rows()])]
-    fields = geometry.smooth_fields(own.c, own.h, own.states, widths, problem.moving, problem.composed)
+    fields = geometry.smooth_fields(own.c, own.h, own.states, widths, problem.moving, problem.composed, problem.sense)
     fields |= scales(problem.names, data.bounds, None if problem.shifts is None else jnp.sqrt(problem.squares))
     if problem.origins is not None:
         fields |= {"origins": own.states[:-1, 0].T + jnp.asarray(data.origin)[:, None]}

@@ -70,7 +70,7 @@ def parts(route: Route, closed: bool = False) -> Parts:
     s = segments_of(route)
     curves = curves_of(s)
     c, h = chain(curves, s.coefficients, s.durations, s.progress)
-    return Parts(c, h, joint_states(c, h, standing(c, h), closed), curves, s)
+    return Parts(c, h, joint_states(c, h, standing(c, h), closed, curves.reversing), curves, s)
 
 
 def standing(c: np.ndarray, h: np.ndarray) -> np.ndarray:
@@ -102,7 +102,8 @@ def problem_of(
     stretched = given.stretch
     held = _held(fixed, moving, closed)
     composed = given.curves.composed if given.curves.composed.any() else None
-    smooth = smooth_fields(given.c, given.h, given.states, tube, moving, composed)
+    sense = given.curves.reversing
+    smooth = smooth_fields(given.c, given.h, given.states, tube, moving, composed, sense)
     smooth |= scales(names, bounds, sizes_of(names, bounds, float(np.sqrt(np.mean(tube[:, 1] ** 2)))))
     if origin is not None and contain_position(names):
         smooth |= {"origins": given.states[:-1, 0].T + origin[:, None]}
@@ -110,14 +111,14 @@ def problem_of(
     ends, h = smooth["ends"], smooth["durations"]
     size = np.abs(given.states[:, :2]).max(axis=(0, 2)) @ (1.0, given.h.max())
     fields = smooth | _objective(objective, ends, h, moving, stretched, tube, float(np.sum(given.h)))
-    fine_offset = offsets(given.c, given.h, given.states, moving, fine)
+    fine_offset = offsets(given.c, given.h, given.states, moving, fine, sense)
     return RouteProblem(**fields | {
         "names": names,
         "moving": moving,
         "offset": _exact(smooth["offset"], size),
         "fine_offset": _exact(fine_offset, size),
         "fine_tube": tube_squares(tube, fine),
-        "used": _used(names, held, moving, closed),
+        "used": _used(names, held, moving, closed, sense),
         "shortest": SHORTEST * h,
         "longest": LONGEST * h,
         "free": _free(held, given.curves.at_rest(), moving, timed, closed),
@@ -125,6 +126,7 @@ def problem_of(
         "seam": len(h) if closed else None,
         "per_time": moving / stretched,
         "road": road,
+        "sense": sense,
         **_rates(given),
     })  # fmt: skip
 
@@ -173,14 +175,19 @@ def _free(held: np.ndarray, at_rest: np.ndarray, moving: np.ndarray, timed: bool
     return free
 
 
-def _used(names: tuple[str, ...], held: np.ndarray, moving: np.ndarray, closed: bool) -> np.ndarray:
+def _used(
+    names: tuple[str, ...], held: np.ndarray, moving: np.ndarray, closed: bool, sense: np.ndarray | None
+) -> np.ndarray:
     """Return whether each constraint (limits + 2, nodes, n) is used.
 
-    A quantity that is continuous at a joint is constrained on one side only.
+    A quantity that is continuous at a joint is constrained on one side only. Where the vehicle reverses, signed
+    quantities, such as the horizontal curvature, change their signs.
     """
     used = np.broadcast_to(moving > 0, (len(names) + 2, len(basis.NODES), len(moving))).copy()
     smooth = [k for k in range(len(names) + 2) if k >= len(names) or quantity(names[k]).order <= 2]
     used[smooth, -1] = False
+    if sense is not None:
+        used[np.array(smooth)[:, None], -1, np.flatnonzero(np.diff(sense))[None]] = True
     heights = np.array([k for k in range(len(names)) if quantity(names[k]).of_position], int)
     used[heights[:, None], 0, np.flatnonzero(held[:-1, 0])[None]] = False
     used[np.array(smooth)[:, None], 0, np.flatnonzero(np.all(held[:-1], axis=1))[None]] = False

@@ -66,7 +66,7 @@ class Structure:
         """Return a problem with these arrays; it has no finer nodes."""
         seam = len(self.curves.first) if self.closed else None
         own = dict.fromkeys(("fine_offset", "fine_tube")) | fields
-        return RouteProblem(names=self.names, seam=seam, composed=self.composed, **own)  # type: ignore[arg-type]
+        return RouteProblem(names=self.names, seam=seam, composed=self.composed, sense=self.curves.reversing, **own)  # type: ignore[arg-type]
 
 
 class Solution(NamedTuple):

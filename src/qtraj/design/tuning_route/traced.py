@@ -94,7 +94,7 @@ def structure(route: Route, limits: Limits, names: tuple[str, ...], kind: str, c
             "from concrete times of its joints"
         )
     every = np.arange(known.starts.shape[-1] if starts is None else int(np.isfinite(starts).sum()))
-    curves = Curves(every, every, np.zeros(every.size, bool), every)
+    curves = Curves(every, every, np.zeros(every.size, bool), every, np.ones(every.size))
     return Structure(names, kind, curves, closed, parameters, starts is None)
 
 
