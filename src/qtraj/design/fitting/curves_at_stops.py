@@ -2,8 +2,7 @@
 
 The fit in time determines the stops and the progress. Then all states of the route are fitted to all samples again, as
 functions of the parameter w of its course, which does not stop. Where the vehicle reverses, the curve continues with
-the opposite tangent and the same curvature vector: the front of the vehicle points in the same direction, and its wheels
-are not turned.
+the opposite tangent and the same curvature vector: the vehicle keeps its heading and its steering angle.
 """
 
 from typing import Any, NamedTuple

@@ -8,7 +8,7 @@ import os
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from qtraj.design.fitting.route_system import covariances
+from qtraj.design.fitting.route_covariance import covariances
 from qtraj.foundation import document
 from qtraj.foundation.arrays import as_array, as_float
 from qtraj.foundation.document import storable

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
-from qtraj.design.fitting.route_system import STEP, blocks, from_blocks, smoothing_errors
+from qtraj.design.fitting.route_covariance import STEP, blocks, from_blocks, smoothing_errors
 from qtraj.design.fitting.units import units
 from qtraj.path.track import Track, to_float64
 

@@ -103,9 +103,7 @@ class _Slowest(NamedTuple):
     slope: float = 0.0
 
 
-def _slowest(
-    motion: Motion, zone: Zone, stop: tuple[float, float], x: _Samples, at_stop: float
-) -> _Slowest | None:
+def _slowest(motion: Motion, zone: Zone, stop: tuple[float, float], x: _Samples, at_stop: float) -> _Slowest | None:
     """Return the rate at a slow point, or None at an end of the recording.
 
     A vehicle that reverses without standing has the rate zero there, and the acceleration of the fit in time.

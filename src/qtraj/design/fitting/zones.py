@@ -141,9 +141,7 @@ def find_zones(motion: Motion, scale: Scale) -> list[Zone]:
     found = [zone for leg in _legs(motion) for zone in _zones_of(motion, scale, *leg)]
     zones_at = {stop: [zone for zone in found if zone.stop in stop] for stop in motion.stops}
     cosines = {stop: _cosine(motion, own) for stop, own in zones_at.items()}
-    zones_at = {
-        stop: [zone._replace(turns=cosines[stop] < 0) for zone in own] for stop, own in zones_at.items()
-    }
+    zones_at = {stop: [zone._replace(turns=cosines[stop] < 0) for zone in own] for stop, own in zones_at.items()}
     unclear = [stop for stop, cosine in cosines.items() if -STRAIGHT_BACK < cosine < 0]
     fresh = [
         stop for stop, own in zones_at.items() if stop in unclear or any(_turns_back(motion, zone) for zone in own)

@@ -29,7 +29,9 @@ def require_route(route: Any, limits: Any) -> None:
         )
     require_limits(limits)
     if route.duration.ndim:
-        raise ValueError("tune_route accepts one route, but a batch was given: call it once for each route")
+        raise ValueError(
+            "tune_route accepts one route, but a batch was given: call it once for each route, or map it with jax.vmap"
+        )
     require_float64(route)
 
 

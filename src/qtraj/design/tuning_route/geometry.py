@@ -22,7 +22,8 @@ STRAIGHT[[1, 3, 4], 0] = 1.0
 def joint_states(c: Any, h: Any, still: Any, closed: bool, sense: Any = None) -> Any:
     """Return the states of the joints; `still` (n,) marks the segments that do not change.
 
-    The velocities are those of a vehicle that drives forwards (see `RouteProblem.sense`). The axes of the states (n + 1, 3, 3) are the joint, the order of the derivative and the component.
+    The velocities are those of a vehicle that drives forwards (see `RouteProblem.sense`). The axes of the states
+    (n + 1, 3, 3) are the joint, the order of the derivative and the component.
 
     Where the route jumps, the state of a joint is the mean of the states on both sides. Next to a segment that does not
     change, the state is taken from that segment, so that the tuned route does not jump there. If the route is `closed`,
@@ -112,9 +113,7 @@ def axes(states: Any) -> Any:
     return xp.stack([along, left, xp.cross(along, left)], axis=1)
 
 
-def offsets(
-    c: Any, h: Any, states: Any, moving: Any, nodes: Float[np.ndarray, "nodes n"], sense: Any = None
-) -> Any:
+def offsets(c: Any, h: Any, states: Any, moving: Any, nodes: Float[np.ndarray, "nodes n"], sense: Any = None) -> Any:
     """Return the quintics through the states minus the original path; axes (3, nodes, n): component, node, segment."""
     own, c = same_terms(pieces.hermite(h, states, sense), c)
     xp = pieces.arithmetic(own, c)

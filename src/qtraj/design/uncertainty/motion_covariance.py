@@ -7,7 +7,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from qtraj.design.fitting.fitted_route import FittedRoute
-from qtraj.design.fitting.route_system import BASIS, WIDTH, segment_covariances, smoothing_errors
+from qtraj.design.fitting.route_covariance import segment_covariances, smoothing_errors
+from qtraj.design.fitting.route_system import BASIS, WIDTH
 from qtraj.design.fitting.turn_covariance import sensitivities
 from qtraj.foundation.methods import method
 from qtraj.path import pieces, progress
