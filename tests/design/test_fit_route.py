@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import qtraj as qt
 from qtraj.design.fitting import route_system as system
+from qtraj.design.fitting.route_covariance import covariances
 from qtraj.foundation import document
 
 BENDS = Path(__file__).parents[1] / "data" / "boreas_bends.csv"
@@ -82,10 +83,10 @@ def test_the_banded_solve_and_covariances_are_those_of_dense_matrices():
     states = solve(matrix, design.T @ (weights[:, None] * values))
     np.testing.assert_allclose(system.solve(whole).reshape(21, 3), states, rtol=0, atol=1e-9)
     blocks = np.linalg.inv(matrix)
-    covariances = system.covariances(whole.matrix)
+    found = covariances(whole.matrix)
     for i in range(7):
         part = slice(3 * i, 3 * i + 3)
-        np.testing.assert_allclose(covariances[i], blocks[part, part], rtol=1e-8, atol=1e-10)
+        np.testing.assert_allclose(found[i], blocks[part, part], rtol=1e-8, atol=1e-10)
 
 
 @pytest.mark.parametrize("velocities", [False, True])

@@ -7,7 +7,7 @@ from scipy.interpolate import BPoly, make_interp_spline
 from scipy.stats import norm
 
 import qtraj as qt
-from qtraj.design.fitting import route_system as system
+from qtraj.design.fitting.route_covariance import segment_covariances, smoothing_errors
 from qtraj.design.fitting.route_window import cut
 from qtraj.design.uncertainty.motion_covariance import motion_covariance
 from qtraj.design.uncertainty.quantity_expansion import expand
@@ -140,10 +140,10 @@ def test_values_are_those_of_evaluate(fitted):
 def test_blocks_of_the_inverse_are_those_of_dense_matrices(fitted):
     matrix, penalty = (np.asarray(x) for x in (fitted.information, fitted.penalty))
     inverse, part = np.linalg.inv(dense(matrix)), dense(penalty)
-    estimate, prior = system.segment_covariances(matrix, penalty)
+    estimate, prior = segment_covariances(matrix, penalty)
     states = np.random.default_rng(0).normal(size=(matrix.shape[1] // 3, 3, 3))
     shift = (-inverse @ part @ states.reshape(-1, 3)).reshape(states.shape)
-    np.testing.assert_allclose(system.smoothing_errors(matrix, penalty, states), shift, rtol=1e-7, atol=1e-10)
+    np.testing.assert_allclose(smoothing_errors(matrix, penalty, states), shift, rtol=1e-7, atol=1e-10)
     for k in (0, 7, len(prior) - 1):
         own = slice(3 * k, 3 * k + 6)
         np.testing.assert_allclose(prior[k], inverse[own, own], rtol=1e-7, atol=1e-12)
@@ -155,7 +155,7 @@ def test_the_elimination_beyond_a_window_keeps_both_covariances(fitted):
     matrix, penalty, knots = (np.asarray(x) for x in (fitted.information, fitted.penalty, fitted.knots))
     part = cut(knots, np.zeros((len(knots), 3, 3)), matrix, penalty, knots[6], knots[20])
     for inner, whole in zip(
-        system.segment_covariances(part.matrix, part.penalty), system.segment_covariances(matrix, penalty), strict=True
+        segment_covariances(part.matrix, part.penalty), segment_covariances(matrix, penalty), strict=True
     ):
         np.testing.assert_allclose(inner, whole[6:20], rtol=1e-7, atol=1e-12)
 
