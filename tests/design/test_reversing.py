@@ -143,3 +143,18 @@ def test_a_sharp_turn_is_not_taken_for_a_reversal():
     assert len(path.stops) == 2
     before = np.searchsorted(np.asarray(path.starts), path.stops[0][0]) - 1
     assert path.progress is None or np.array_equal(np.asarray(path.progress)[before], [0.0, 1.0, 0.0, 0.0])
+
+
+def test_a_stop_in_a_hairpin_is_not_taken_for_a_reversal():
+    """The radius is so small that the vehicle leaves the zones of the stop in the direction from which it came."""
+    radius, times = 0.5, np.arange(0.0, 18.0, 0.05)
+    half = np.clip(np.minimum(times, 8.0) / 8.0, 0.0, 1.0), np.clip((times - 10.0) / 8.0, 0.0, 1.0)
+    s = sum(20.0 * u**3 * (10 - 15 * u + 6 * u * u) for u in half) - 20.0
+    angle = np.clip(s / radius, -np.pi / 2, np.pi / 2)
+    straight = np.clip(np.abs(s) - 0.5 * np.pi * radius, 0.0, None)
+    places = np.stack([radius * np.cos(angle) - straight, radius * np.sin(angle), 0 * s], axis=1)
+    noise = np.random.default_rng(4).normal(0.0, NOISE, places.shape)
+    path = qt.fit_route(qt.Track(times, places + noise)).path
+    at = np.asarray(qt.evaluate(path, times, ("position",)).position)
+    assert np.abs(at - places).max() < 0.02
+    np.testing.assert_allclose(heading(path, np.linspace(6.0, 12.0, 601))[[0, -1]], [0.0, np.pi], rtol=0, atol=0.1)

@@ -8,6 +8,7 @@ curve that was driven. In a zone, the route is therefore a curve with a progress
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from qtraj.design.fitting.motion import Motion, straight_motion
 from qtraj.design.fitting.route_jumps import lengths
@@ -40,9 +41,9 @@ LEAST_SPEED = 0.15
 BACK, AWAY = 0.003, 2.0
 """Minimum distance by which a vehicle comes back in a zone where it reverses, relative to the zone and to the noise."""
 
-STRAIGHT_BACK = 0.7
-"""Minimum cosine of the angle between the chords of both zones at a point where the vehicle reverses: the zones are
-almost straight, so a smaller one could also belong to a sharp turn."""
+STRAIGHT_BACK, PARTS, VISIBLE = 0.7, np.array([1.0, 0.5, 0.25]), 10.0
+"""Minimum cosine of the angle between the chords from a point of reversal to both sides, for parts of the zones, and
+minimum length of a chord relative to the noise. In a hairpin, which is no reversal, short chords are opposite."""
 
 SAMPLES = 32
 """Number of samples between two knots, for lengths along the path."""
@@ -140,9 +141,10 @@ def find_zones(motion: Motion, scale: Scale) -> list[Zone]:
     """
     found = [zone for leg in _legs(motion) for zone in _zones_of(motion, scale, *leg)]
     zones_at = {stop: [zone for zone in found if zone.stop in stop] for stop in motion.stops}
-    cosines = {stop: _cosine(motion, own) for stop, own in zones_at.items()}
-    zones_at = {stop: [zone._replace(turns=cosines[stop] < 0) for zone in own] for stop, own in zones_at.items()}
-    unclear = [stop for stop, cosine in cosines.items() if -STRAIGHT_BACK < cosine < 0]
+    cosines = {stop: _cosines(motion, own) for stop, own in zones_at.items()}
+    turns = {stop: bool((own > STRAIGHT_BACK).all()) for stop, own in cosines.items()}
+    zones_at = {stop: [zone._replace(turns=turns[stop]) for zone in own] for stop, own in zones_at.items()}
+    unclear = [stop for stop, own in cosines.items() if own[0] > 0 and not turns[stop]]
     fresh = [
         stop for stop, own in zones_at.items() if stop in unclear or any(_turns_back(motion, zone) for zone in own)
     ]
@@ -195,9 +197,25 @@ def _turns_back(motion: Motion, zone: Zone) -> bool:
     return float(distances.max()) > at_slow_point + max(BACK * at_slow_point, AWAY * motion.noise.position)
 
 
-def _cosine(motion: Motion, zones: list[Zone]) -> float:
-    """Return the cosine of the angle between the chords of the zones of a slow point; 1 if there is one zone only."""
+def _cosines(motion: Motion, zones: list[Zone]) -> Float[np.ndarray, " parts"]:
+    """Return the cosines of the angles between the chords from a slow point to both sides, the longest ones first.
+
+    They are −1 if the vehicle goes straight on, and if there is one zone only.
+    """
     if len(zones) < 2:
-        return 1.0
-    before, after = (np.diff(motion.at(np.array(zone.interval)), axis=0)[0] for zone in zones)
-    return float(before @ after / max(np.linalg.norm(before) * np.linalg.norm(after), np.finfo(float).tiny))
+        return np.array([-1.0])
+    before, after = (_chords(motion, zone) for zone in zones)
+    sizes = lengths(before), lengths(after)
+    visible = np.minimum(*sizes) > VISIBLE * motion.noise.position
+    visible[0] = True
+    return (np.sum(before * after, axis=1) / np.maximum(sizes[0] * sizes[1], np.finfo(float).tiny))[visible]
+
+
+def _chords(motion: Motion, zone: Zone) -> Float[np.ndarray, "parts 3"]:
+    """Return the chords from the slow point of a zone to the points after `PARTS` of its length."""
+    t = np.linspace(*zone.interval, SAMPLES + 1)
+    way, at = _travelled(motion, t)[1], motion.at(t)
+    if zone.stop > zone.end:
+        way, at = way[-1] - way[::-1], at[::-1]
+    inside = np.stack([np.interp(PARTS * way[-1], way, x) for x in at.T], axis=1)
+    return inside - at[0]
