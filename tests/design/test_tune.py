@@ -229,9 +229,16 @@ def test_progress_of_a_batch_is_reported_a_few_times_a_second():
     assert 1 <= len(reports) <= 2 + (time.monotonic() - started) / 0.25
 
 
-def test_an_impossible_limit_is_explained():
-    limits = qt.Limits(curvature=0.02, lateral_acceleration=2.2)
-    best = qt.tune(START, END, limits, bounds=SHORT_DURATION, starts=3)
+IMPOSSIBLE = qt.Limits(curvature=0.02, lateral_acceleration=2.2)
+
+
+@pytest.fixture(scope="module")
+def impossible():
+    return qt.tune(START, END, IMPOSSIBLE, bounds=SHORT_DURATION, starts=3)
+
+
+def test_an_impossible_limit_is_explained(impossible):
+    best = impossible
     assert best.status == "infeasible"
     assert not best.converged
     assert not best.certificate.met
@@ -397,16 +404,14 @@ def test_the_outcome_is_stored_exactly(tmp_path):
         assert np.all(np.asarray(a) == np.asarray(b))
 
 
-def test_the_advised_change_of_a_number_helps():
-    limits = qt.Limits(curvature=0.02, lateral_acceleration=2.2)
-    best = qt.tune(START, END, limits, bounds=SHORT_DURATION)
-    assert best.status == "infeasible"
-    advised = float(best.result.split("change the turn from 1.571 to ")[1].split(" ")[0])
+def test_the_advised_change_of_a_number_helps(impossible):
+    assert impossible.status == "infeasible"
+    advised = float(impossible.result.split("change the turn from 1.571 to ")[1].split(" ")[0])
     turn = advised - 0.01  # printed with four digits
     cos, sin = math.cos(turn), math.sin(turn)
     position = jnp.asarray([28.0 * cos, 28.0 * sin, 1.5])
     velocity = jnp.asarray([-cos - RATE * 28 * sin, -sin + RATE * 28 * cos, 0.1])
-    solved = qt.tune(START, qt.BoundaryState(position, velocity), limits, bounds=SHORT_DURATION)
+    solved = qt.tune(START, qt.BoundaryState(position, velocity), IMPOSSIBLE, bounds=SHORT_DURATION)
     assert solved.converged, solved.result
 
 
