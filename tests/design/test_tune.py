@@ -477,15 +477,15 @@ def test_a_batch_equals_its_elements(many):
 def test_advice_on_an_element_is_computed_on_request():
     starts, ends, limits = stacked(2)
     limits = jax.tree.map(lambda x: x.at[1].set(0.2 * x[1]), limits)
-    many = qt.tune(starts, ends, limits, starts=2)
-    one = qt.tune(*(jax.tree.map(lambda x: x[1], each) for each in (starts, ends, limits)), starts=2)
+    many = qt.tune(starts, ends, limits, starts=1)
+    one = qt.tune(*(jax.tree.map(lambda x: x[1], each) for each in (starts, ends, limits)), starts=1)
     assert list(many.status) == ["converged", "infeasible"]
     assert "What would help: raise" in many.result[1]
     assert many[1].result == many.result[1]
     assert re.sub(r"[\d.]+", "", many.result[1]) == re.sub(r"[\d.]+", "", one.result)
     assert jax.tree.map(lambda x: x[::-1], many).result[0] == many.result[1]
     # Batches can be joined, but only the elements of the first keep their advice.
-    values = jax.tree.map(lambda *x: jnp.concatenate(x), many, qt.tune(starts, ends, limits, starts=2))
+    values = jax.tree.map(lambda *x: jnp.concatenate(x), many, qt.tune(starts, ends, limits, starts=1))
     assert values.result[1] == many.result[1]
     assert "tune this problem alone" in values.result[3]
 
