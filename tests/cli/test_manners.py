@@ -384,7 +384,7 @@ def test_ctrl_c_in_a_running_process_leaves_nothing(tmp_path):
 
 
 def test_a_process_computes_in_float64():
-    done = process(["-m", "qtraj", "evaluate", str(HELIX), "--samples", "2", "--json"])
+    done = process(["-m", "qtraj", "evaluate", str(HELIX), "--samples", "2", "--json", "--quiet"])
     assert (done.returncode, done.stderr) == (0, "")
     curvature = json.loads(done.stdout)["columns"]["curvature"][0]
     rate = 0.39269908169872414
@@ -401,7 +401,7 @@ def test_a_process_keeps_its_compilations(tmp_path):
 
 def test_neither_a_cache_that_cannot_be_made_nor_a_terminal_without_greek_is_an_error(tmp_path):
     (tmp_path / "file").write_text("")
-    arguments = ["-m", "qtraj", "evaluate", str(HELIX), "--samples", "2"]
+    arguments = ["-m", "qtraj", "evaluate", str(HELIX), "--samples", "2", "--quiet"]
     done = process(arguments, XDG_CACHE_HOME=str(tmp_path / "file"), PYTHONIOENCODING="ascii")
     assert (done.returncode, done.stderr) == (0, "")
     assert "540.00? about the axis" in done.stdout

@@ -26,7 +26,8 @@ def faults(code):
         result.append((1, "no docstring"))
     for node in ast.walk(tree):
         result += [(getattr(node, "lineno", 1), fault) for fault in _node_faults(node)]
-    for token in tokenize.generate_tokens(io.StringIO(code).readline):
+    tokens = tokenize.generate_tokens(io.StringIO(code).readline) if UNFINISHED.search(code) else ()
+    for token in tokens:
         if token.type in {tokenize.COMMENT, tokenize.STRING} and UNFINISHED.search(token.string):
             result.append((token.start[0], "unfinished"))
     return [f"{line}: {fault}" for line, fault in sorted(result)]

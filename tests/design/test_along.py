@@ -54,7 +54,7 @@ def test_where_a_step_changes_both_values_hold():
     assert ZONES.strictest(np.array([40.0, 60.0, 60.1]), np.array([40.0, 60.0, 70.0]), 1).tolist() == [5.0, 5.0, 12.0]
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("kind", ["step", "linear"])
 @pytest.mark.parametrize("name", ["speed", "lateral_acceleration", "longitudinal_acceleration", "curvature"])
 def test_certificates_of_routes_agree_with_samples(seed, kind, name):
@@ -158,7 +158,7 @@ def fastest(s, highest, lowest, most):
 def test_random_zones_are_timed_as_fast_as_by_two_passes(seed, kind):
     rng = np.random.default_rng(seed)
     route = random_route(rng, 6)
-    _, s, curvature = sampled(route, "curvature", 100001)
+    _, s, curvature = sampled(route, "curvature", 40001)
     d = s[-1] * np.array([0.0, 0.2, 0.45, 0.5, 0.8])
     speed = qt.Along(d, rng.uniform(4.0, 14.0, 5), kind)
     lateral = qt.Along(d[[0, 2]], rng.uniform(1.0, 3.0, 2))
@@ -223,14 +223,16 @@ def test_margins_are_mapped_compiled_and_differentiated(kind):
     times = np.array([0.5, 2.0, 3.0])
     alone = [float(margin(values, t)) for t in times]
     assert jax.vmap(lambda t: margin(values, t))(times) == pytest.approx(alone, abs=1e-9)
-    assert [float(jax.jit(margin)(values, t)) for t in times] == pytest.approx(alone, abs=1e-9)
+    compiled = jax.jit(margin)
+    assert [float(compiled(values, t)) for t in times] == pytest.approx(alone, abs=1e-9)
     pair = jax.tree.map(lambda x: np.stack([x, x]), HELIX)
     assert jax.vmap(lambda path: margin(values, 2.0, path))(pair) == pytest.approx([alone[1]] * 2, abs=1e-9)
     step = 1e-6 * np.eye(3)
     differences = [(margin(values + h, 2.0) - margin(values - h, 2.0)) / 2e-6 for h in step]
-    assert jax.grad(margin)(values, 2.0) == pytest.approx(np.array(differences), abs=1e-6)
+    by_values, by_time = jax.jit(jax.grad(margin, (0, 1)))(values, 2.0)
+    assert by_values == pytest.approx(np.array(differences), abs=1e-6)
     change = (margin(values, 2.0 + 1e-6) - margin(values, 2.0 - 1e-6)) / 2e-6
-    assert float(jax.grad(margin, 1)(values, 2.0)) == pytest.approx(float(change), rel=1e-5)
+    assert float(by_time) == pytest.approx(float(change), rel=1e-5)
 
 
 def test_recorded_values_are_steps_of_the_distance():

@@ -211,13 +211,13 @@ def test_a_certificate_of_a_timing_contains_the_excess_where_the_limit_bends():
     speeds = np.asarray(qt.evaluate(path, t, ("speed",)).speed)
     bend = 0.8001 * speeds.max()
     valley = qt.BySpeed([0, bend - 1e-4, bend, bend + 1e-4], magnitude=[9, 9, 0.1, 9])
-    ellipse = qt.Ellipse(valley, valley, valley)
+    ellipse = qt.Ellipse(9.0, valley, 9.0)
     time, value, limit = qt.certify(path, qt.Limits(combined_acceleration=ellipse)).worst["combined_acceleration"]
     crossings = np.flatnonzero(np.diff(np.sign(speeds - bend)))
     k = crossings[np.argmin(np.abs(t[crossings] - time))]
     at = brentq(lambda x: float(qt.evaluate(path, [x], ("speed",)).speed[0]) - bend, t[k], t[k + 1], xtol=1e-12)
     assert time == pytest.approx(at, abs=1e-6)
-    assert (value, limit) == (pytest.approx(float(ratios(path, at, qt.Ellipse(0.1, 0.1, 0.1))[0]), rel=1e-6), 1)
+    assert (value, limit) == (pytest.approx(float(ratios(path, at, qt.Ellipse(9.0, 0.1, 9.0))[0]), rel=1e-6), 1)
 
 
 @pytest.mark.parametrize("form", ["toml", "json"])

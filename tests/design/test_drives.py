@@ -110,10 +110,11 @@ def test_limits_hold_on_every_segment_of_a_tuned_drive(fitted, tuned):
 @pytest.mark.parametrize("objective", ["smoothest", "fastest"])
 def test_other_objectives(fitted, objective):
     limits = qt.Limits(curvature=0.085, lateral_acceleration=2.0, longitudinal_acceleration=2.5, speed=9.5)
-    tuned = qt.tune_route(fitted.path, limits, tube=0.5, objective=objective, max_steps=2000)
+    path = fitted.path.window(5.0, 25.5)  # with the first stop
+    tuned = qt.tune_route(path, limits, tube=0.5, objective=objective, max_steps=2000)
     assert tuned.successful, tuned.result
     assert tuned.certificate.holds
-    change = float(tuned.path.duration) - float(fitted.path.duration)
+    change = float(tuned.path.duration) - float(path.duration)
     if objective == "fastest":
         assert float(tuned.objective) == pytest.approx(float(tuned.path.duration))
         assert change < -1.0

@@ -77,6 +77,20 @@ def test_a_parked_vehicle_is_at_a_height():
     assert status == {"height_min": "broken", "height_max": "proved"}
 
 
+@pytest.mark.parametrize("z", [-2.5, 0.1, 3.3])
+@pytest.mark.parametrize("ulps", [-1, 0, 1])
+def test_a_height_exactly_at_its_bound_is_decided(z, ulps):
+    route = qt.Route([0.0, 1.0], [[0, 0, z]] * 2, np.zeros((2, 3)), np.zeros((2, 3)))
+    bound = z + ulps * np.spacing(z)  # the spacing has the sign of z
+    above, below = bound >= z, bound <= z
+    both = qt.certify(route, qt.Limits(height=(bound, z + 1))).status["height_min"]
+    assert both == ("proved" if below else "broken")
+    assert qt.certify(route, qt.Limits(height=(z - 1, bound))).status["height_max"] == ("proved" if above else "broken")
+    assert qt.certify(route, qt.Limits(height=abs(bound))).status["height"] == (
+        "proved" if abs(bound) >= abs(z) else "broken"
+    )
+
+
 def test_values_batches_and_gradients():
     start = jnp.array([0.0, 1.0, 2.0])
     paths = jax.vmap(lambda z: qt.SpiralHelix([20.0], [0.0, 0.3], jnp.stack([z, 0.5]), 8.0))(start)

@@ -155,16 +155,14 @@ def make_path(x, motion):
     return qt.SpiralHelix.hermite(start, end, 4.0)
 
 
-def largest_curvature(x, motion):
-    return qt.peak(make_path(x, motion), "curvature")[1][None]
+def quantities_of(x, motion):
+    """The largest curvature, a quaternion and a rate, (8,)."""
+    path = make_path(x, motion)
+    at = qt.trihedral(path, 1.7)
+    return jnp.concatenate([qt.peak(path, "curvature")[1][None], at.quaternion(), at.rate])
 
 
-def quaternion(x, motion):
-    return qt.trihedral(make_path(x, motion), 1.7).quaternion()
-
-
-def rate(x, motion):
-    return qt.trihedral(make_path(x, motion), 1.7).rate
+PARTS = {"largest curvature": slice(0, 1), "quaternion": slice(1, 5), "rate": slice(5, 8)}
 
 
 def central(f, x, step):
@@ -179,16 +177,24 @@ def central(f, x, step):
 
 
 @pytest.mark.parametrize("motion", ["uniform", pytest.param("hermite", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("quantity", [largest_curvature, quaternion, rate])
-def test_gradients_in_every_boundary_number(quantity, motion):
-    f = partial(quantity, motion=motion)
-    forward, reverse = jax.jit(lambda x: (jax.jacfwd(f)(x), jax.jacrev(f)(x)))(STATES)
-    compiled = jax.jit(f)
-    differences = central(lambda x: np.asarray(compiled(x)), STATES, 1e-3)
-    scale = np.abs(differences).max()
-    assert scale > 1e-3
-    np.testing.assert_allclose(forward, differences, rtol=0, atol=GRADIENT * scale)
-    np.testing.assert_allclose(reverse, forward, rtol=0, atol=1e-12 * scale)
+def test_gradients_in_every_boundary_number(motion):
+    """Forward and reverse mode, both from one trace."""
+    size = STATES.size
+
+    @jax.jit
+    def derivatives(x):
+        value, push = jax.linearize(partial(quantities_of, motion=motion), x)
+        pull = jax.linear_transpose(push, x)
+        forward = jax.vmap(push)(jnp.eye(size).reshape(size, *x.shape)).T
+        return value, forward, jax.vmap(pull)(jnp.eye(value.size))[0].reshape(value.size, size)
+
+    _, forward, reverse = derivatives(STATES)
+    differences = central(lambda x: np.asarray(derivatives(x)[0]), STATES, 1e-3).reshape(-1, size)
+    for name, part in PARTS.items():
+        scale = np.abs(differences[part]).max()
+        assert scale > 1e-3, name
+        np.testing.assert_allclose(forward[part], differences[part], rtol=0, atol=GRADIENT * scale, err_msg=name)
+        np.testing.assert_allclose(reverse[part], forward[part], rtol=0, atol=1e-12 * scale, err_msg=name)
 
 
 def test_float32_keeps_its_dtype():

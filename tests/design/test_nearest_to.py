@@ -60,7 +60,7 @@ def test_no_other_path_is_nearer():
     """Perturbed velocities with the same limit satisfied are never nearer."""
     best = tuned()
     random, nearer, admissible = np.random.default_rng(5), 0, 0
-    for _ in range(200):
+    for _ in range(100):
         change = 0.1 * random.standard_normal((2, 3))
         ends = zip((best.start, best.end), change, strict=True)
         states = [qt.BoundaryState(state.position, state.velocity + d) for state, d in ends]
@@ -68,7 +68,7 @@ def test_no_other_path_is_nearer():
         if float(qt.peak(path, "curvature")[1]) <= 0.048:
             admissible += 1
             nearer += by_definition(path, initial, 400) < float(best.objective) - 1e-6
-    assert admissible > 20
+    assert admissible > 10
     assert nearer == 0
 
 
@@ -106,9 +106,8 @@ def test_jets_agree_with_jax(motion):
     """Value, gradient and Hessian of the formula, which NumPy and JAX share."""
     problem = pose(START, END, NearestTo(retimed(initial)), MOTIONS[motion], None, 0, None)
     z = 0.1 * np.random.default_rng(1).standard_normal(problem.size)
-    value, slope, hessian = (
-        f(jnp.asarray(z)) for f in (problem.cost, jax.grad(problem.cost), jax.jit(jax.hessian(problem.cost)))
-    )
+    both = jax.value_and_grad(problem.cost)
+    (value, slope), (_, hessian) = jax.jit(lambda z: (both(z), jax.jacfwd(both)(z)))(jnp.asarray(z))
     batch = jax.tree.map(lambda x: np.asarray(x)[None], problem)
     bounds = np.ones((1, problem.size))
     jet = searches_of(batch, {}, -bounds, bounds).formulas.cost(variables(z[:, None]))

@@ -1,7 +1,5 @@
 """A user's objective: neither a constant nor a factor changes the path, and known optima are found."""
 
-import itertools
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -24,12 +22,12 @@ OPTIMUM = {"sqp": 1e-6, "lbfgs": 1e-4}
 """Errors of the variables of an optimum: a gradient below 1e-6, divided by the smallest second derivative."""
 
 CHANGES = {
-    "sqp": list(itertools.product((0.0, 1.0, -1e4, 1e8), (1.0, 1e8, 1e-8))),
+    "sqp": [(1.0, 1.0), (0.0, 1e8), (0.0, 1e-8), (-1e4, 1e8), (1e8, 1.0), (1e8, 1e-8)],
     "lbfgs": [(-1e4, 1e8), (1e8, 1e-8)],
 }
 """Constants and factors of the objective."""
 
-STARTS = {"sqp": 8, "lbfgs": 1}
+STARTS = {"sqp": 2, "lbfgs": 1}
 """Numbers of starts: 600 steps of 8 starts take minutes in code that is compiled quickly rather than well."""
 
 fractions = jnp.linspace(0.0, 1.0, 101)
@@ -87,7 +85,7 @@ def kinked(steepness, path):
 def test_curvatures_that_differ_by_twelve_decades(method):
     """The search starts where the objective is steep, and ends where it is not."""
     for steepness in (0.0, 1e6, 1e12):
-        best = tuned(kinked, steepness, limit=0.06, method=method)
+        best = tuned(kinked, steepness, limit=0.06, method=method, starts=2)
         assert best.status == "converged", best.result
         assert float(best.path.duration) == pytest.approx(6.0, rel=1e-7)
 
@@ -113,9 +111,12 @@ def test_the_derivative_of_a_solution_does_not_depend_on_a_factor():
 
     def duration(target, factor):
         objective = jax.tree_util.Partial(weighted, target, jnp.asarray(factor))
-        return qt.tune(START, END, qt.Limits(curvature=0.048), objective, method="sqp", starts=1).path.duration
+        return qt.tune(START, END, qt.Limits(speed=7.0), objective, method="sqp", starts=1).path.duration
 
-    slopes = [float(jax.grad(duration)(7.0, factor)) for factor in (1.0, 1e8, 1e-9)]
+    slopes = [
+        float(jax.jvp(lambda target, factor=factor: duration(target, factor), (7.0,), (1.0,))[1])
+        for factor in (1.0, 1e8, 1e-9)
+    ]
     np.testing.assert_allclose(slopes, slopes[0], rtol=1e-6)
     step = 1e-3
     expected = (float(duration(7.0 + step, 1.0)) - float(duration(7.0 - step, 1.0))) / (2 * step)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,19 @@ def at_rest(
     of_formula = np.array([x.own is None or x.own.formula is not None for x in entries])
     met = np.where(of_formula, PROVED, SAMPLED)
     codes = np.where(proved, met, np.where(broken, BROKEN, UNDECIDED))
+    for j in [j for j, entry in enumerate(entries) if entry.position and entry.own is None]:
+        open_ = np.flatnonzero(codes[:, j] == UNDECIDED)
+        codes[open_, j] = _height_codes(entries[j], segments, rows[open_], bounds[open_, j])
     return np.where(np.isnan(values), np.where(of_formula, UNDEFINED, UNDECIDED), codes), values
+
+
+def _height_codes(entry: PathQuantity, segments: Segments, rows: np.ndarray, bounds: np.ndarray) -> list[int]:
+    """Return the status codes of heights that lie so close to their bounds that only exact numbers tell the sides."""
+    start = Fraction(0) if segments.origin is None else Fraction(float(segments.origin[2]))
+    heights = [start + Fraction(float(z)) for z in segments.coefficients[rows, 0, 2]]
+    heights = [abs(z) for z in heights] if entry.signed is None else heights
+    margins = [entry.side * (Fraction(float(bound)) - z) for bound, z in zip(bounds, heights, strict=True)]
+    return [PROVED if margin >= 0 else BROKEN for margin in margins]
 
 
 def _values(entry: PathQuantity, segments: Segments, road: RoadParameters | None, rows: np.ndarray) -> np.ndarray:
