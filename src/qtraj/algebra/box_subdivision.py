@@ -7,7 +7,7 @@ variable that brings the coefficients closest to one sign. Floats decide most ce
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,8 +18,8 @@ from qtraj.algebra.tensor_forms import Form
 MAX_DEPTH = 80
 """Number of halvings after which a cell is undecided."""
 
-FLOAT_WORK, INTEGER_WORK = 300_000_000, 20_000_000
-"""Number of additions after which a pass stops; they take a few seconds."""
+FLOAT_WORK, INTEGER_WORK = (500_000_000, 100_000), (20_000_000, 5_000)
+"""Number of additions after which a pass stops, a second or two, and those that take as long as one cell's overhead."""
 
 USEFUL = 1e-2
 """Largest error of a form, relative to its coefficients, with which floats are tried."""
@@ -67,10 +67,10 @@ def decide(
 
 
 def _subdivided(
-    claim: AnyClaim, forms: Sequence[Form], strict: bool, known: dict[Cell, int], max_work: int
+    claim: AnyClaim, forms: Sequence[Form], strict: bool, known: dict[Cell, int], effort: tuple[int, int]
 ) -> BoxDecision:
     """Decide a claim; `known` contains the results of earlier passes, and gets those of this one."""
-    variables = forms[0].numbers.ndim
+    variables, (max_work, overhead) = forms[0].numbers.ndim, effort
     stack: list[tuple[Cell, Sequence[Form]]] = [(((0, 0),) * variables, forms)]
     work, undecided = 0, None
     while stack:
@@ -95,7 +95,7 @@ def _subdivided(
             known[cell] = axis
             work += variables * sum(f.numbers.size * max(f.numbers.shape) for f in forms)
         halves = [f.halved(axis) for f in forms]
-        work += sum(f.numbers.size * f.numbers.shape[axis] for f in forms)
+        work += overhead + sum(f.numbers.size * f.numbers.shape[axis] for f in forms)
         for side in (1, 0):
             k, n = cell[axis]
             half = (*cell[:axis], (2 * k + side, n + 1), *cell[axis + 1 :])

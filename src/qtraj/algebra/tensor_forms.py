@@ -56,7 +56,8 @@ class Form(NamedTuple):
         exact = row.dtype == object
         for k in range(terms):
             left[k], right[terms - 1 - k] = row[0], row[-1]
-            row = (row[:-1] + row[1:]) >> 1 if exact else 0.5 * (row[:-1] + row[1:])
+            total: Any = row[:-1] + row[1:]
+            row = total >> 1 if exact else 0.5 * total
         error = self.error + (terms - 1 if exact else np.abs(self.numbers).max() * (SLACK * UNIT * terms))
         return Form(np.moveaxis(left, 0, axis), error), Form(np.moveaxis(right, 0, axis), error)
 
@@ -91,7 +92,7 @@ def _from_values(degree: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def in_floats(polynomial: BoundedPolynomial, degrees: Sequence[int]) -> Form:
-    """Return the form of a polynomial whose columns are its values at the nodes (the last parameter changes fastest)."""
+    """Return the form of a polynomial with its values at the nodes as columns; the last parameter changes fastest."""
     values, errors = polynomial.bernstein()
     shape = [len(values), *(d + 1 for d in degrees)]
     b, e = values.reshape(shape), errors.reshape(shape[1:])[None]

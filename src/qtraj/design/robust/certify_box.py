@@ -36,7 +36,7 @@ def certify_box(path: SpiralHelix, limits: Limits, box: Box, *, throw: bool = Fa
     The states at the ends of the path deviate. The vehicle then drives the spiral-helix whose radius, azimuth and
     height differ from those of `path` by the cubics that change these states and no other ones, in the same time. Along
     such a path, a limit is an inequality between polynomials in the time and in the deviations, and it is decided for
-    all of them at once, in exact integers where floats do not suffice (docs/concepts/proofs.md). The mass enters in the
+    all of them at once, in exact integers where floats do not suffice (docs/howto/robust.md). The mass enters in the
     same way; of limits that deviate, the strictest value is proved. Nothing is linearised or sampled.
 
     Args:
@@ -67,6 +67,20 @@ def certify_box(path: SpiralHelix, limits: Limits, box: Box, *, throw: bool = Fa
     problem = BoxProblem.of(path, limits, box)
     found = problem.certificate()
     return found.check() if throw else found
+
+
+class Worst(NamedTuple):
+    """The worst value that was found, or NaN if the quantity is undefined, with its deviations and its time [s]."""
+
+    deviations: np.ndarray
+    time: float
+    value: float
+
+    @classmethod
+    def of(cls, deviations: np.ndarray, times: np.ndarray, values: np.ndarray, side: int) -> Worst:
+        """Return the worst of some values."""
+        k = int(np.argmax(np.where(np.isnan(values), np.inf, side * values)))
+        return cls(deviations[k], times[k], values[k])
 
 
 class BoxProblem(NamedTuple):
@@ -110,21 +124,23 @@ class BoxProblem(NamedTuple):
         times, values = self.values(points)
         codes, rows = [], []
         for k, entry in enumerate(entries):
-            found = claims.limit(entry, bounds[k], float(np.asarray(factors[k])))
-            own = points, times[:, k], values[:, k]
-            if found.refuted:
-                point = (box.lowest + (box.highest - box.lowest) * np.array(found.at[1:]))[None]
-                at, value = self.values(point)
-                own = np.concatenate([points, point]), np.append(own[1], at[:, k]), np.append(own[2], value[:, k])
-            worst = int(np.argmax(np.where(np.isnan(own[2]), np.inf, entry.side * own[2])))
-            violated = found.refuted and (not entry.tangent_of or entry.side * (own[2][worst] - bounds[k]) > 0)
-            code = PROVED if found.proved else BROKEN if violated else UNDECIDED
-            if entry.divisor is not None and code != BROKEN:
-                divisor = claims.divisor(entry.divisor)
-                code = code if divisor.proved else UNDEFINED if np.isnan(own[2][worst]) else UNDECIDED
-            codes.append(code)
-            rows.append((own[1][worst], own[0][worst], own[2][worst]))
-        at, where, what = (np.array(x) for x in zip(*rows, strict=True))
+            own = Worst.of(points, times[:, k], values[:, k], entry.side)
+            if np.isnan(own.value):
+                codes.append(UNDEFINED)
+            else:
+                found = claims.limit(entry, bounds[k], float(np.asarray(factors[k])))
+                if found.refuted:
+                    point = (box.lowest + (box.highest - box.lowest) * np.array(found.at[1:]))[None]
+                    at, value = self.values(point)
+                    own = max(
+                        own, Worst.of(point, at[:, k], value[:, k], entry.side), key=lambda x: entry.side * x.value
+                    )
+                violated = found.refuted and (not entry.tangent_of or entry.side * (own.value - bounds[k]) > 0)
+                code = PROVED if found.proved else BROKEN if violated else UNDECIDED
+                known = code == BROKEN or entry.divisor is None or claims.divisor(entry.divisor).proved
+                codes.append(code if known else UNDECIDED)
+            rows.append(own)
+        where, at, what = (np.array(x) for x in zip(*rows, strict=True))
         shape = len(codes), len(box.names)
         return BoxCertificate(tuple(given), box.names, codes, at, where.reshape(shape), what, bounds)
 
@@ -148,7 +164,9 @@ def strictest(limits: Limits, box: Box) -> Limits:
         low, high = box.limits.get(name, box.limits.get(entry.base or name, (0.0, 0.0)))
         changed[name] = value + (high if entry.lower else low)
         if value > 0 >= changed[name] and not entry.base:
-            raise ValueError(f"the limit on {name} is {value:g}, and with its deviation {changed[name]:g}: it must be positive")
+            raise ValueError(
+                f"the limit on {name} is {value:g}, and with its deviation {changed[name]:g}: it must be positive"
+            )
     return limits_of(changed, limits.vehicle)
 
 
@@ -164,7 +182,9 @@ def require_box(path: Any, limits: Limits, box: Box) -> None:
     level = source_is_vertical(path)
     for name in limits.given():
         if not level and quantity(name).upright:
-            raise ValueError(f"{name} depends on the vertical, so it needs a path with a vertical axis: omit this limit")
+            raise ValueError(
+                f"{name} depends on the vertical, so it needs a path with a vertical axis: omit this limit"
+            )
 
 
 def require_box_limits(limits: Limits, box: Box, what: str) -> None:
@@ -192,7 +212,9 @@ def require_box_limits(limits: Limits, box: Box, what: str) -> None:
             "limits for each mass"
         )
     if not float(np.asarray(vehicle.mass)) + box.intervals["mass"][0] > 0:
-        raise ValueError(f"the mass {float(np.asarray(vehicle.mass)):g} kg must stay positive: make its interval smaller")
+        raise ValueError(
+            f"the mass {float(np.asarray(vehicle.mass)):g} kg must stay positive: make its interval smaller"
+        )
 
 
 def source_is_vertical(path: SpiralHelix) -> bool:

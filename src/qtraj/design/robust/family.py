@@ -56,9 +56,7 @@ class Family:
 
     def degrees(self, order: int, count: int) -> Derivatives:
         """Return the degrees of the derivatives; the first of `count` parameters are those of the paths."""
-        each = [
-            Degrees([int(np.any(c[i])) for c in self._changes] + [0] * (count - len(self.names))) for i in range(3)
-        ]
+        each = [Degrees([int(np.any(c[i])) for c in self._changes] + [0] * (count - len(self.names))) for i in range(3)]
         rows = moving_derivatives(each[RADIUS], 0, each[HEIGHT], each[ANGLE], order)
         rows[0] = each[RADIUS], 0, each[HEIGHT]
         return Derivatives(rows)
@@ -141,10 +139,9 @@ def _changes(name: str, own: list[np.ndarray], duration: float) -> list[np.ndarr
     T = duration
     slope = [0.0, 1.0, -2.0 / T, 1.0 / T**2] if end == "start" else [0.0, 0.0, -1.0 / T, 1.0 / T**2]
     value = [1.0, 0.0, -3.0 / T**2, 2.0 / T**3] if end == "start" else [0.0, 0.0, 3.0 / T**2, -2.0 / T**3]
-    radius, radial, rate, axial = (
-        float(p(at)) for p in (_of(own[RADIUS]), _of(own[RADIUS]).deriv(), _of(own[ANGLE]).deriv(), _of(own[HEIGHT]).deriv())
-    )
-    speed = float(np.sqrt(radial**2 + (radius * rate) ** 2 + axial**2))
+    radius, *_ = each = [np.polynomial.Polynomial(c) for c in own]
+    radial, rate, axial = (float(p.deriv()(at)) for p in each)
+    speed = float(np.sqrt(radial**2 + (float(radius(at)) * rate) ** 2 + axial**2))
     if kind == "speed" and not speed > 0:
         raise ValueError(f"{name} needs a velocity that is not zero at the {end}: pass the radial or the axial speed")
     amounts = {
@@ -155,7 +152,3 @@ def _changes(name: str, own: list[np.ndarray], duration: float) -> list[np.ndarr
     }[kind]
     shape = value if kind == "axial_position" else slope
     return [amount * np.array(shape) for amount in amounts]
-
-
-def _of(c: np.ndarray) -> np.polynomial.Polynomial:
-    return np.polynomial.Polynomial(c)

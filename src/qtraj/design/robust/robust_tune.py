@@ -37,10 +37,9 @@ Otherwise two paths with different standard deviations could alternate.
 SLOPES = 0.3, 3.0
 """Smallest and largest change of the quantile of the share per change of the factor; it is about 1."""
 
+
 @overload
-def robust_tune(
-    start: BoundaryState, end: BoundaryState, limits: Limits, spread: Box, **options: Any
-) -> BoxTuned: ...
+def robust_tune(start: BoundaryState, end: BoundaryState, limits: Limits, spread: Box, **options: Any) -> BoxTuned: ...
 @overload
 def robust_tune(
     start: BoundaryState,
@@ -173,7 +172,9 @@ def _require(
 ) -> None:
     _require_one(start, end)
     if not isinstance(spread, Spread):
-        raise ValueError(f"spread must be a Spread, such as Spread(start_velocity=0.1), or a Box, but {spread!r} was given")
+        raise ValueError(
+            f"spread must be a Spread, such as Spread(start_velocity=0.1), or a Box, but {spread!r} was given"
+        )
     if not 0.5 <= share <= 0.9999:
         raise ValueError(f"share must be a probability from 0.5 to 0.9999, but {share} was given")
     if samples not in {2**k for k in range(8, 21)}:

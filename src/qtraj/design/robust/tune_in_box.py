@@ -44,7 +44,9 @@ def tune_in_box(start: BoundaryState, end: BoundaryState, limits: Limits, box: B
         points = np.concatenate([problem.grid(), extra])
         reached, nominal = _worst(problem, points, sides)
         excess = sides * (reached - aims) / np.maximum(np.abs(bounds), 1e-3)
-        unused = (margins > 0) & (excess < -CLOSE) & (sides * (nominal - (aims - sides * margins)) > -1e-6 * np.abs(bounds))
+        unused = (
+            (margins > 0) & (excess < -CLOSE) & (sides * (nominal - (aims - sides * margins)) > -1e-6 * np.abs(bounds))
+        )
         settled = (excess <= 0.5 * GAP).all() and not unused.any()
         certificate = problem.certificate() if settled or rounds == MAX_ROUNDS else None
         if certificate is not None and (certificate.holds or rounds == MAX_ROUNDS):
