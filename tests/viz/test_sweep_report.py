@@ -36,6 +36,8 @@ def test_counts_extremes_and_failures(tmp_path):
         assert f"<td>{status.replace('_', ' ')}</td><td>{count}</td>" in page
     assert f"<td>{np.sqrt(17.0):.6g}</td><td>point 19: x = 17</td>" in page
     assert "seven &lt;is&gt; refused" in page
+    with pytest.raises(ValueError, match="there is no output 'z'; the outputs are y, one"):
+        next(swept.values_of("z"))
     assert "<h2>one</h2>" not in page  # a constant has no histogram
 
 

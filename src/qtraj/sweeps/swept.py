@@ -97,7 +97,15 @@ class Swept:
         return {name: int(count) for name, count in zip(STATUSES, counts, strict=True) if count}
 
     def values_of(self, name: str) -> Iterator[np.ndarray]:
-        """Yield the values of an output at the successful points, shard by shard; the points must have been kept."""
+        """Yield the values of an output at the successful points, shard by shard.
+
+        **Raises:** ValueError for an unknown output, and if the points were not kept.
+        """
+        if not self.plan.keep:
+            raise ValueError("the values of points were not stored: pass keep=True to the sweep")
+        if name not in self.plan.schema:
+            known = ", ".join(self.plan.schema)
+            raise ValueError(f"there is no output {name!r}; the outputs are {known}")
         for k, _ in self.plan.store.entries(self.plan.fingerprint):
             good = self.plan.store.read_chunk(STATUS, k, STATUS_OUTPUT) == OK
             yield self.plan.store.read_chunk(name, k, self.plan.schema[name])[good]
