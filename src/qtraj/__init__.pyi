@@ -28,6 +28,10 @@ from .design.proof.certificate import Certificate as Certificate
 from .design.proof.certify import certify as certify
 from .design.proof.route_certificate import RouteCertificate as RouteCertificate
 from .design.regions import Regions as Regions
+from .design.robust.box import Box as Box
+from .design.robust.box_certificate import BoxCertificate as BoxCertificate
+from .design.robust.box_outcome import BoxTuned as BoxTuned
+from .design.robust.certify_box import certify_box as certify_box
 from .design.robust.outcome import RobustTuned as RobustTuned
 from .design.robust.robust_tune import robust_tune as robust_tune
 from .design.robust.spread import Spread as Spread

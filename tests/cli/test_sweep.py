@@ -259,3 +259,14 @@ def test_a_scheduler_that_does_not_answer(run, monkeypatch):
     code, error, _ = run(f"{TURN}{GRID}", "--scheduler", "tcp://127.0.0.1:1")
     assert code == 2
     assert "there is no Dask scheduler at this address" in error
+
+
+def test_the_report_has_the_numbers_of_the_store(run, tmp_path):
+    code, content, dataset = run(f"name = 'Turns <of a bus>'\n{TURN}{GRID}", "--report")
+    assert code == 0
+    assert [Path(file).name for file in content["files"]] == ["report.html"]
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "Turns &lt;of a bus&gt;" in page
+    assert "limits.curvature</td><td>3</td><td>0.1</td><td>0.2" in page
+    assert f"{float(dataset['duration'].max()):.6g}" in page
+    assert "<td>successful</td><td>3</td>" in page

@@ -315,7 +315,7 @@ MEMBERS = {
 """Names of methods of any class to which kinds and shapes of arguments do not apply."""
 
 RESULTS = (
-    *("Atlas", "Atlas.at", "RobustTuned"),
+    *("Atlas", "Atlas.at", "BoxCertificate", "BoxTuned", "RobustTuned"),
     *("ArmMotion", "AttitudeResidual", "BodyMotion", "Certificate", "Fitted", "FittedRoute", "LoopHistory"),
     *("LoopVerdict", "MarginUncertainty", "Nearest", "PathChange", "PoseMotion", "Propagation", "RateResidual"),
     *("Residual", "ResultCode", "Retimed", "RouteCertificate", "SlewHistory", "SlewVerdict", "Solution"),
@@ -327,7 +327,7 @@ RESULTS = (
     *("SpeedProfile.share", "Study.percentiles", "Study.worst", "TunedRoute.unproved"),
 )
 SEARCHES = (
-    *("atlas", "tuned_points", "robust_tune"),
+    *("atlas", "tuned_points", "certify_box", "robust_tune"),
     *("assess_loop", "certify", "closed_pose", "fit", "fit_route", "judge_loop", "judge_slew", "margin_uncertainty"),
     *("retime", "retime_together", "tune", "tune_route", "uncertainty", "speed_profile", "monte_carlo", "loop_history"),
     *("compare_attitude", "compare_paths", "compare_rates"),
@@ -348,7 +348,7 @@ SIMULATED = (
     *("HystereticLaw.switches", "HystereticLaw.updated_sign", "PoseLaw.__call__", "Damping", "Gyros", "Sensor"),
 )
 ON_THE_HOST = (
-    *("AtlasAxis", "AtlasAxis.at", "Spread"),
+    *("AtlasAxis", "AtlasAxis.at", "Box", "Spread"),
     *("AttitudeAngles", "AttitudeAngles.quaternions", "TangentPlane", "TangentPlane.project", "Track"),
     *("Track.window", "Shape", "Shape.through", "Along.from_samples", "BySpeed", "Regions", "Regions.along", "Road"),
     *("Driving", "Driving.along", "Route.from_path", "Route.from_piecewise", "Route.reversed", "Route.segment"),
@@ -365,7 +365,7 @@ OTHERS = {
         ("load", "load_dataset", "read_road", "read_shape", "read_track", "save_dataset", "label", "storable"),
         "of files and datasets",
     ),
-    **dict.fromkeys(("sweep", "Swept", "Swept.parameters"), "of functions and stores: tests/sweeps"),
+    **dict.fromkeys(("sweep", "Swept", "Swept.parameters", "Swept.values_of"), "of functions and stores: tests/sweeps"),
     **dict.fromkeys(
         (f"sweeps.{name}" for name in ("evaluate", "certify", "tune", "tune_route", "retime", "simulate")),
         "of functions: tests/sweeps",

@@ -44,6 +44,7 @@ EXAMPLES = [
     qt.AccelerationLaw(1.0, 2.0),
     qt.Actuator(0.3, sampling=0.1),
     qt.Attitude(LAMBDA, jnp.zeros(3), jnp.zeros(3)),
+    qt.Box(0.1, limits={"curvature": (0.0, 0.01)}),
     qt.Spread(0.1, [0.1, 0.2, 0.3], limits={"curvature": 0.01}),
     qt.AtlasAxis("radius", 10.0, 50.0, 0.5, unit="m"),
     qt.AxesFrame(lambda position, velocity, acceleration: jnp.eye(3)),

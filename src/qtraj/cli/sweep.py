@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -48,6 +49,7 @@ def sweep(
     dry_run: bool = typer.Option(
         False, "--dry-run", help="Print the size and the duration; compute a few points only."
     ),
+    report: bool = typer.Option(False, "--report", help="Also write report.html, a page for the browser."),
     folder: Path = Path("qtraj-out"),
 ) -> Outcome:
     """Run a scenario at many values of its keys, on all cores or on a Dask cluster, and store all results.
@@ -82,7 +84,13 @@ def sweep(
             **task.options,
         )
     hint = "" if swept.successful else "run the same command again to compute the rest"
-    return Outcome(_content(swept), _text(swept), task.loaded, not swept.successful, hint=hint)
+    writers = {}
+    if report:
+        watch.say("writing the report")
+        from qtraj.viz.sweep_report import write_sweep_report
+
+        writers["report.html"] = partial(write_sweep_report, swept, title=task.loaded.scenario.name or "")
+    return Outcome(_content(swept), _text(swept), task.loaded, not swept.successful, writers, hint=hint)
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations  # so that `help` shows short names
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -86,6 +87,28 @@ class Swept:
                 for name, values in self._failed_in(k, dict(entry["texts"])).items():
                     rows[name].extend(values)
         return {name: np.asarray(values) for name, values in rows.items()}
+
+    @property
+    def status_counts(self) -> dict[str, int]:
+        """The number of computed points with each status that occurs."""
+        counts = np.zeros(len(STATUSES), int)
+        for k, _ in self.plan.store.entries(self.plan.fingerprint):
+            counts += np.bincount(self.plan.store.read_chunk(STATUS, k, STATUS_OUTPUT), minlength=len(STATUSES))
+        return {name: int(count) for name, count in zip(STATUSES, counts, strict=True) if count}
+
+    def values_of(self, name: str) -> Iterator[np.ndarray]:
+        """Yield the values of an output at the successful points, shard by shard.
+
+        **Raises:** ValueError for an unknown output, and if the points were not kept.
+        """
+        if not self.plan.keep:
+            raise ValueError("the values of points were not stored: pass keep=True to the sweep")
+        if name not in self.plan.schema:
+            known = ", ".join(self.plan.schema)
+            raise ValueError(f"there is no output {name!r}; the outputs are {known}")
+        for k, _ in self.plan.store.entries(self.plan.fingerprint):
+            good = self.plan.store.read_chunk(STATUS, k, STATUS_OUTPUT) == OK
+            yield self.plan.store.read_chunk(name, k, self.plan.schema[name])[good]
 
     @cached_property
     def summary(self) -> dict[str, Summary]:

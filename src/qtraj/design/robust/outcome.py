@@ -59,11 +59,7 @@ class RobustTuned(AbstractOutcome):
         wanted = f"{100 * float(self.share):.4g} % are wanted"
         code = ResultCode(int(self.code))
         if code == ResultCode.successful:
-            tight = ", ".join(
-                f"{name} {with_unit(float(np.asarray(x)), quantity(name).unit)}"
-                for name, x in self.limits.given().items()
-            )
-            return f"converged: {shares} ({wanted}). Tightened limits: {tight}."
+            return f"converged: {shares} ({wanted}). Tightened limits: {tightened_text(self.limits)}."
         if code == ResultCode.not_converged and self.tuned.converged:
             return f"not converged after {int(self.rounds)} tunings: {shares}, but {wanted}. Pass more samples."
         if self.tuned.converged:
@@ -87,3 +83,9 @@ class RobustTuned(AbstractOutcome):
         }
         summary = f"{100 * float(self.sampled_share):.2f} % of the sampled paths satisfy all limits; {inner.summary}"
         return Record(summary, {**own, **inner.variables}, inner.coordinates, inner.attributes)
+
+
+def tightened_text(limits: Limits) -> str:
+    """Return the names and values of limits."""
+    given = limits.given().items()
+    return ", ".join(f"{name} {with_unit(float(np.asarray(x)), quantity(name).unit)}" for name, x in given)

@@ -2,16 +2,20 @@
 
 from __future__ import annotations  # so that `help` shows short names
 
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from jaxtyping import Float
 
-from qtraj.design.limits import Limits, limits_of
+from qtraj.design.limits import Limits
 from qtraj.design.obstacles.keep_out import refuse_obstacles
+from qtraj.design.robust.box import Box
+from qtraj.design.robust.box_outcome import BoxTuned
 from qtraj.design.robust.driven import Driven, bounds_of, driven, samples_of
 from qtraj.design.robust.outcome import RobustTuned
 from qtraj.design.robust.spread import Spread
+from qtraj.design.robust.tightened import tightened
+from qtraj.design.robust.tune_in_box import tune_in_box
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.design.tuning.tune import tune
 from qtraj.foundation.outcome import ResultCode
@@ -33,10 +37,10 @@ Otherwise two paths with different standard deviations could alternate.
 SLOPES = 0.3, 3.0
 """Smallest and largest change of the quantile of the share per change of the factor; it is about 1."""
 
-REMAINING = 0.02
-"""A tightened limit is at least this part of the limit."""
 
-
+@overload
+def robust_tune(start: BoundaryState, end: BoundaryState, limits: Limits, spread: Box, **options: Any) -> BoxTuned: ...
+@overload
 def robust_tune(
     start: BoundaryState,
     end: BoundaryState,
@@ -47,34 +51,52 @@ def robust_tune(
     samples: int = 8192,
     seed: int = 0,
     **options: Any,
-) -> RobustTuned:
-    """Tune so that all limits are satisfied together with the probability `share`, although states deviate.
+) -> RobustTuned: ...
+def robust_tune(
+    start: BoundaryState,
+    end: BoundaryState,
+    limits: Limits,
+    spread: Spread | Box,
+    share: float = 0.99,
+    *,
+    samples: int = 8192,
+    seed: int = 0,
+    **options: Any,
+) -> RobustTuned | BoxTuned:
+    """Tune so that limits are satisfied although states deviate: with the probability `share`, or always.
 
-    The states at both ends of the tuned path deviate by independent normal errors; the vehicle then drives the
-    spiral-helix between the states that it has, in the same time. Limits with a standard deviation deviate, too. Each
-    limit is tightened by its margin, z standard deviations of its largest value. These standard deviations are of first
-    order, from the changes of the largest value if each component of a state changes by one standard deviation. The
-    factor z is the same for all limits, and such that the share of `samples` paths that satisfy all limits is `share`
-    to 0.05 %: these paths are not linearised. Both are computed again for each new tuned path, until the share is
-    reached; the standard deviations only for the first three.
+    With a `Box` of intervals, the limits are satisfied for all deviations in it, and `certify_box` proves this. Each
+    limit is tightened by the difference of its worst value in the box from that of the path, until both agree; the
+    worst values are found on a grid with the corners of the box, and at the counterexamples of
+    the proof.
+
+    With a `Spread`, the states at both ends of the tuned path deviate by independent normal errors; the vehicle then
+    drives the spiral-helix between the states that it has, in the same time. Limits with a standard deviation deviate,
+    too. Each limit is tightened by its margin, z standard deviations of its largest value. These standard deviations
+    are of first order, from the changes of the largest value if each component of a state changes by one standard
+    deviation. The factor z is the same for all limits, and such that the share of `samples` paths that satisfy all
+    limits is `share` to 0.05 %: these paths are not linearised. Both are computed again for each new tuned path, until
+    the share is reached; the standard deviations only for the first three.
 
     Args:
         start: The first state, as for `tune`; one problem, not a batch.
         end: The last state.
         limits: Limits that do not change along the way or with the speed, without obstacles.
-        spread: The standard deviations.
-        share: The probability that all limits are satisfied, from 0.5 to 0.9999.
+        spread: The standard deviations, or a `Box`.
+        share: The probability that all limits are satisfied, from 0.5 to 0.9999; `share`, `samples` and `seed` are only
+            for a `Spread`.
         samples: Number of sampled paths, a power of two from 256 to 2²⁰; the error of the share is about
             √(share (1 − share) / samples) or less.
         seed: Seed of the samples; equal seeds give equal results.
         **options: Other arguments of `tune`, such as `motion="hermite"` or `fixed`.
 
     Returns:
-        A `RobustTuned` with the tuned path, the tightened limits and the sampled share.
+        A `RobustTuned` with the tuned path, the tightened limits and the sampled share; for a `Box`, a `BoxTuned` with
+        the proof in `certificate`.
 
     Raises:
         ValueError: For another `share` or number of samples, a batch, limits that change, and a limit in `spread` that
-            is not limited.
+            is not limited; for a `Box` also the errors of `certify_box`.
 
     Example:
         >>> import qtraj as qt
@@ -85,6 +107,11 @@ def robust_tune(
         >>> round(float(found.sampled_share), 2)
         0.99
     """
+    if isinstance(spread, Box):
+        _require_one(start, end)
+        if (share, samples, seed) != (0.99, 8192, 0):
+            raise ValueError("share, samples and seed are only for a Spread: with a Box, all deviations count")
+        return tune_in_box(start, end, limits, spread, **options)
     _require(start, end, limits, spread, share, samples)
     from scipy.special import ndtri  # imported here, so that `import qtraj` does not import SciPy
 
@@ -106,7 +133,7 @@ def robust_tune(
             slope = float(np.clip((reached - before[1]) / (factor - before[0]), *SLOPES))
         before = factor, reached
         factor = max(0.0, factor + (wanted - reached) / slope)
-        closer = _tightened(limits, factor * sigmas)
+        closer = tightened(limits, factor * sigmas)
         if closer is None:
             return _outcome(tuned, tight, share, found, factor, rounds, ResultCode.infeasible)
         tight, rounds = closer, rounds + 1
@@ -117,20 +144,6 @@ def _outcome(
     tuned: Tuned, tight: Limits, share: float, found: float, factor: float, rounds: int, code: ResultCode
 ) -> RobustTuned:
     return RobustTuned(tuned, tight, share, found, factor, rounds, int(code))
-
-
-def _tightened(limits: Limits, margins: Float[np.ndarray, " k"]) -> Limits | None:
-    """Return the limits minus their margins, or None if almost nothing remains of one of them."""
-    names = tuple(limits.given())
-    bounds, sides, _ = bounds_of(limits)
-    tight = bounds - sides * margins
-    magnitudes = np.array([not quantity(name).lower and bound > 0 for name, bound in zip(names, bounds, strict=True)])
-    if not np.isfinite(tight).all() or (magnitudes & (tight < REMAINING * bounds)).any():
-        return None
-    try:
-        return limits_of(dict(zip(names, tight.tolist(), strict=True)), limits.vehicle)
-    except ValueError:  # the lower bound is above the upper one
-        return None
 
 
 def _sigmas(paths: Driven, spread: Spread) -> Float[np.ndarray, " k"]:
@@ -146,16 +159,22 @@ def _sigmas(paths: Driven, spread: Spread) -> Float[np.ndarray, " k"]:
     return np.sqrt(own**2 + np.sum(np.maximum(changes.max(axis=0), 0.0) ** 2, axis=0))
 
 
-def _require(
-    start: BoundaryState, end: BoundaryState, limits: Limits, spread: Spread, share: float, samples: int
-) -> None:
+def _require_one(start: BoundaryState, end: BoundaryState) -> None:
     for state in (start, end):
         if np.ndim(state.position) != 1:
             raise ValueError(
                 f"robust_tune tunes one problem, but the states have the batch shape {np.shape(state.position)[:-1]}"
             )
+
+
+def _require(
+    start: BoundaryState, end: BoundaryState, limits: Limits, spread: Spread, share: float, samples: int
+) -> None:
+    _require_one(start, end)
     if not isinstance(spread, Spread):
-        raise ValueError(f"spread must be a Spread, such as Spread(start_velocity=0.1), but {spread!r} was given")
+        raise ValueError(
+            f"spread must be a Spread, such as Spread(start_velocity=0.1), or a Box, but {spread!r} was given"
+        )
     if not 0.5 <= share <= 0.9999:
         raise ValueError(f"share must be a probability from 0.5 to 0.9999, but {share} was given")
     if samples not in {2**k for k in range(8, 21)}:

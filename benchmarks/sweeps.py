@@ -1,0 +1,192 @@
+"""Measure sweeps: memory and overhead at many points, two workers against one, and stores after kills.
+
+    python -m benchmarks.sweeps                                all measurements; this takes many minutes
+    python -m benchmarks.sweeps memory --points 1000000        only this measurement; also: tunings, overhead, kills
+    python -m benchmarks.sweeps kills --workers 20 --clients 5
+
+Each sweep of `memory` and `tunings` runs in a process of its own, whose largest memory is printed. `overhead` compares
+the CPU time of a sweep with that of the bare calls of its function, so other processes hardly change it. Its second
+part, the speed of two workers, is a wall time: measure it on an otherwise idle machine. `kills` kills workers with
+SIGKILL, and clients with their schedulers, compares the store with that of an undisturbed sweep, byte by byte, and
+counts the shards that were computed although they were finished.
+"""
+
+import argparse
+import contextlib
+import filecmp
+import json
+import os
+import random
+import resource
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+FLAT, OVERHEAD = 1.1, 1.1
+"""Largest accepted ratios of memory at many points to few points, and of a sweep to the calls of its function."""
+
+CALLS = """
+import os, sys, time
+from pathlib import Path
+import numpy as np
+import qtraj as qt
+
+FOLDER = Path(__file__).parent
+
+def slow(points):
+    if len(points["a"]) > 1:
+        shard = int(points["a"][0])
+        finished = (FOLDER / sys.argv[1] / ".sweep/ledger/0" / str(shard)).exists() if len(sys.argv) > 1 else False
+        with (FOLDER / "calls").open("a") as file:
+            file.write(f"{os.getpid()} {shard} {int(finished)}\\n")
+        time.sleep(0.2)
+    return {"y": np.sin(points["a"]) * points["x"]}
+
+slow.batch = True
+
+if __name__ == "__main__":
+    parameters = {"a": np.arange(SHARDS), "x": qt.sweeps.Normal(0.0, 1.0)}
+    qt.sweep(slow, parameters, FOLDER / sys.argv[1], samples=50, shard=50, workers=int(sys.argv[2]), retries=50)
+"""
+
+
+def turn(point):
+    """A right-angle turn and its limits."""
+    import qtraj as qt
+
+    radius, speed = point["radius"], point["speed"]
+    start = qt.BoundaryState([radius, 0.0, 0.0], [0.0, speed, 0.0])
+    end = qt.BoundaryState([0.0, radius, 0.0], [-speed, 0.0, 0.0])
+    return start, end, qt.Limits(curvature=0.12, lateral_acceleration=2.0)
+
+
+def alone(kind, count):
+    """Run one sweep in this process, and print its CPU seconds and its largest memory [MB]."""
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    import qtraj as qt
+
+    from .test_sweeps import EVALUATED, RADIUS, RATE
+
+    if kind == "memory":
+        function, parameters, shard = EVALUATED, {"radius": RADIUS, "rate": RATE}, 2**14
+    else:
+        function, shard = qt.sweeps.tune(turn, starts=2), 512
+        parameters = {"radius": qt.sweeps.Uniform(9.0, 15.0), "speed": qt.sweeps.Uniform(4.0, 6.0)}
+    with tempfile.TemporaryDirectory() as folder:
+        began = time.process_time()
+        swept = qt.sweep(function, parameters, Path(folder) / "s", samples=count, shard=shard, keep=False, workers=0)
+        found = {
+            "good": bool(swept.successful),
+            "failed": int(swept.count_failed),
+            "seconds": time.process_time() - began,
+        }
+    print(json.dumps(found | {"memory": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024}))
+
+
+def flat(kind, few, many):
+    """Print and judge the memory at few and at many points."""
+    memory = []
+    for count in (few, many):
+        command = [sys.executable, "-m", "benchmarks.sweeps", "--alone", kind, str(count)]
+        found = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()[-1])
+        memory.append(found["memory"])
+        rate = count / found["seconds"]
+        print(
+            f"{kind}: {count} points, {found['failed']} failed: {found['seconds']:.1f} CPU s, {rate:.0f} points a s, "
+            f"largest memory {found['memory']:.0f} MB",
+            flush=True,
+        )
+    print(f"{kind}: the memory at {many} points is {memory[1] / memory[0]:.3f} times that at {few} points", flush=True)
+    return memory[1] / memory[0] <= FLAT
+
+
+def overhead():
+    """Run the tests of the overhead and of two workers."""
+    command = [sys.executable, "-m", "pytest", "benchmarks/test_sweeps.py", "-n", "0", "-s", "-q"]
+    return subprocess.run(command).returncode == 0
+
+
+def kills(workers, clients, shards, seed=0):
+    """Kill workers and clients at random; print and judge the store after the last run."""
+    pick, killed, ended = random.Random(seed), [], 0
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "script.py").write_text(CALLS.replace("SHARDS", str(shards)))
+        command = [sys.executable, str(folder / "script.py")]
+        calls = lambda: [  # noqa: E731
+            tuple(map(int, x.split())) for x in _text(folder / "calls").splitlines() if x.count(" ") == 2
+        ]
+        while True:
+            client = subprocess.Popen([*command, "killed", "2"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+            before, share = len(calls()), max(1, shards // (clients + 2))
+            while client.poll() is None:
+                time.sleep(pick.uniform(0.2, 0.6))
+                seen = calls()
+                if ended < clients and len(seen) >= before + share:
+                    client.kill()
+                    ended += 1
+                    break
+                if len(killed) < workers and len(seen) > before and seen[-1][0] not in killed:
+                    killed.append(seen[-1][0])
+                    _kill(seen[-1][0])
+            if client.wait() == 0 and ended >= clients:
+                break
+        made = calls()
+        subprocess.run([*command, "whole", "0"], check=True, capture_output=True)
+        same = _same(folder / "whole", folder / "killed")
+    again = sum(finished for _, _, finished in made)
+    print(
+        f"kills: {len(killed)} workers and {ended} clients with their schedulers were killed; {len(made)} calls for "
+        f"{shards} shards, {again} of them for finished shards; the store is {'' if same else 'not '}equal",
+        flush=True,
+    )
+    return same and not again
+
+
+def _kill(process):
+    with contextlib.suppress(ProcessLookupError):
+        os.kill(process, signal.SIGKILL)
+
+
+def _text(file):
+    return file.read_text() if file.exists() else ""
+
+
+def _same(one, other):
+    files = [sorted(f.relative_to(x) for f in x.rglob("*") if f.is_file()) for x in (one, other)]
+    return files[0] == files[1] and all(filecmp.cmp(one / f, other / f, shallow=False) for f in files[0])
+
+
+def main(arguments):
+    """Print the results, and return the number of measurements that fail."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("kinds", nargs="*", help="memory, tunings, overhead, kills; default: all")
+    parser.add_argument("--points", type=int, default=10**7, help="number of points of `memory`")
+    parser.add_argument("--tunings", type=int, default=10**5, help="number of points of `tunings`")
+    parser.add_argument("--few", type=int, default=10**5, help="number of points with which the memory is compared")
+    parser.add_argument("--workers", type=int, default=20, help="number of workers to kill")
+    parser.add_argument("--clients", type=int, default=5, help="number of clients to kill")
+    parser.add_argument("--shards", type=int, default=200, help="number of shards of `kills`")
+    parser.add_argument("--alone", nargs=2, metavar=("KIND", "COUNT"), help=argparse.SUPPRESS)
+    given = parser.parse_args(arguments)
+    if given.alone:
+        return alone(given.alone[0], int(given.alone[1]))
+    measurements = {
+        "memory": lambda: flat("memory", min(given.few, given.points), given.points),
+        "tunings": lambda: flat("tunings", max(given.tunings // 10, 1), given.tunings),
+        "overhead": overhead,
+        "kills": lambda: kills(given.workers, given.clients, given.shards),
+    }
+    results = {name: measurements[name]() for name in given.kinds or measurements}
+    failed = [name for name, good in results.items() if not good]
+    print(f"failed: {', '.join(failed)}" if failed else "all measurements pass")
+    return len(failed)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,145 @@
+"""Intervals of boundary states, mass and limits."""
+
+from __future__ import annotations  # so that `help` shows short names
+
+from collections.abc import Mapping
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+from qtraj.foundation.arrays import as_float
+from qtraj.foundation.document import storable
+from qtraj.foundation.shown import shown, shown_html
+from qtraj.foundation.types import ArrayInput
+
+Interval = tuple[float, float]
+
+STATES = {
+    f"{end}_{name}": unit
+    for end in ("start", "end")
+    for name, unit in {"speed": "m s-1", "radial_speed": "m s-1", "axial_speed": "m s-1", "axial_position": "m"}.items()
+}
+"""The parameters of the boundary states and their units."""
+
+UNITS = {**STATES, "mass": "kg"}
+"""All parameters and their units."""
+
+MAX_PARAMETERS = 3
+"""Maximum number of parameters with an interval; limits do not count."""
+
+INSTEAD = {
+    "friction": "pass limits={'friction': …}, the deviation of the limit on the friction",
+    "duration": "the duration is fixed: call certify_box for each duration, or sweep over it",
+    "position": "only axial positions are possible, because the angular rate contains the inverse of the radius: pass "
+    "start_axial_position or end_axial_position, or give standard deviations in a Spread",
+    "velocity": "pass start_speed, start_radial_speed or start_axial_speed, or those of the end",
+    "radius": "the angular rate contains the inverse of the radius: give standard deviations in a Spread instead",
+    "azimuth": "give standard deviations of the positions in a Spread instead",
+    "drag": "the drag is fixed: prove the limits for the largest and the smallest drag area",
+    "bank": "the bank enters by its cosine and sine: prove the limits for each bank",
+}
+"""What to do for parameters that are not supported, by a part of their names."""
+
+
+@storable
+class Box(eqx.Module):
+    """Intervals of the deviations from a path, for proofs and tunings that hold for all values in them.
+
+    Each interval is a number b, which means from −b to b, or a pair (lowest, highest). All combinations of the
+    deviations are possible. In contrast to a `Spread`, nothing is said about probabilities.
+
+    Args:
+        start_speed: Deviation of the speed at the start [m/s]; the direction of the velocity is kept.
+        start_radial_speed: Deviation of the velocity away from the axis of the path [m/s].
+        start_axial_speed: Deviation of the velocity along the axis of the path [m/s].
+        start_axial_position: Deviation of the position along the axis of the path [m].
+        end_speed: As for the start.
+        end_radial_speed: As for the start.
+        end_axial_speed: As for the start.
+        end_axial_position: As for the start.
+        mass: Deviation of the mass of the vehicle in the limits [kg].
+        limits: Deviations of limits by name, in the unit of the limit, such as `{"friction": 0.05}`.
+
+    Raises:
+        ValueError: For an interval that is reversed or not finite, no deviation at all, more than three parameters
+            besides limits, and parameters that are not supported, with what to do instead.
+
+    Example:
+        >>> Box(start_speed=(-0.5, 0.5), limits={"friction": 0.05}).intervals
+        {'start_speed': (-0.5, 0.5)}
+    """
+
+    intervals: dict[str, Interval]
+    limits: dict[str, Interval]
+
+    def __init__(
+        self,
+        start_speed: ArrayInput | None = None,
+        start_radial_speed: ArrayInput | None = None,
+        start_axial_speed: ArrayInput | None = None,
+        start_axial_position: ArrayInput | None = None,
+        end_speed: ArrayInput | None = None,
+        end_radial_speed: ArrayInput | None = None,
+        end_axial_speed: ArrayInput | None = None,
+        end_axial_position: ArrayInput | None = None,
+        mass: ArrayInput | None = None,
+        limits: Mapping[str, Any] | None = None,
+        *,
+        intervals: Mapping[str, Any] | None = None,
+        **unknown: Any,
+    ):
+        given = {name: x for name, x in locals().items() if name in UNITS and x is not None} | dict(intervals or {})
+        for name in (*unknown, *given):
+            if name not in UNITS:
+                raise ValueError(f"{name} is not a parameter of a Box: {_instead(name)}")
+        found = {name: _interval(x, name) for name, x in given.items()}
+        self.intervals = {name: found[name] for name in UNITS if name in found and found[name] != (0.0, 0.0)}
+        self.limits = {str(name): _interval(x, f"limits[{name!r}]") for name, x in (limits or {}).items()}
+        if not (self.intervals or any(x != (0.0, 0.0) for x in self.limits.values())):
+            raise ValueError("every deviation is zero: pass at least one interval, or use certify or tune")
+        if len(self.intervals) > MAX_PARAMETERS:
+            raise ValueError(
+                f"a Box has at most {MAX_PARAMETERS} parameters besides limits, but {', '.join(self.intervals)} were "
+                "given: give standard deviations in a Spread instead"
+            )
+
+    def __repr__(self) -> str:
+        return shown(self)
+
+    _repr_html_ = shown_html
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the parameters that deviate."""
+        return tuple(self.intervals)
+
+    @property
+    def lowest(self) -> np.ndarray:
+        """The lowest deviations (n,)."""
+        return np.array([low for low, _ in self.intervals.values()])
+
+    @property
+    def highest(self) -> np.ndarray:
+        """The highest deviations (n,)."""
+        return np.array([high for _, high in self.intervals.values()])
+
+
+def _instead(name: str) -> str:
+    for part, advice in INSTEAD.items():
+        if part in name:
+            return advice
+    return f"its parameters are {', '.join(UNITS)} and limits"
+
+
+def _interval(x: Any, name: str) -> Interval:
+    try:
+        array = np.asarray(as_float(x))
+    except (TypeError, ValueError):
+        array = np.full(3, np.nan)
+    if array.shape not in {(), (2,)} or not np.isfinite(array).all():
+        raise ValueError(f"{name} must be a finite number b, for -b to b, or a pair (lowest, highest), not {x!r}")
+    low, high = (-float(array), float(array)) if array.ndim == 0 else (float(array[0]), float(array[1]))
+    if low > high:
+        raise ValueError(f"{name} must be a number of 0 or more, or a pair (lowest, highest), not {x!r}")
+    return low, high

@@ -1,0 +1,124 @@
+"""Certificates about all paths of a box."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from qtraj.design.proof.certificate import STATUSES, Certificate
+from qtraj.design.robust.box import UNITS
+from qtraj.foundation import document
+from qtraj.foundation.arrays import as_array, as_float
+from qtraj.foundation.document import storable
+from qtraj.foundation.outcome import AbstractOutcome, ResultCode
+from qtraj.foundation.record import Quantity, Record
+from qtraj.foundation.types import ArrayInput
+from qtraj.foundation.units import with_unit
+
+
+@storable
+class BoxCertificate(AbstractOutcome):
+    """The findings on limits for all deviations in a box.
+
+    - `names`: the names of the limited quantities.
+    - `parameters`: the names of the parameters that deviate.
+    - `codes`: the codes of the statuses; `status` contains them as strings. "proved" is about all deviations in the
+      box, "broken" about the reported ones.
+    - `times` [s], `deviations` and `values`: the worst value found, at which time, and for which deviations. They come
+      from a grid and from the counterexamples of the proof; no status "proved" depends on it.
+    - `limits`: the strictest values of the limits.
+    - `code`: a `ResultCode`; `result` explains it.
+    """
+
+    names: tuple[str, ...] = eqx.field(static=True)
+    parameters: tuple[str, ...] = eqx.field(static=True)
+    codes: Int[Array, " n"]
+    times: Float[Array, " n"]
+    deviations: Float[Array, "n p"]
+    values: Float[Array, " n"]
+    limits: Float[Array, " n"]
+
+    def __init__(
+        self,
+        names: Sequence[str],
+        parameters: Sequence[str],
+        codes: ArrayInput,
+        times: ArrayInput,
+        deviations: ArrayInput,
+        values: ArrayInput,
+        limits: ArrayInput,
+    ):
+        self.names, self.parameters, self.codes = tuple(names), tuple(parameters), as_array(codes, jnp.int32)
+        self.times, self.deviations = as_float(times), as_float(deviations)
+        self.values, self.limits = as_float(values), as_float(limits)
+
+    @property
+    def _as_certificate(self) -> Certificate:
+        return Certificate(self.names, self.codes, self.times, self.values, self.limits)
+
+    @property
+    def status(self) -> dict[str, str]:
+        """The status of each limit, by name: "proved", "broken", "undecided" or "undefined"."""
+        return {name: STATUSES[code] for name, code in zip(self.names, np.asarray(self.codes).tolist(), strict=True)}
+
+    @property
+    def holds(self) -> bool:
+        """Whether every limit is proved for all deviations in the box."""
+        return self._as_certificate.holds
+
+    @property
+    def worst(self) -> dict[str, tuple[float, dict[str, float], float, float]]:
+        """The tuple (time [s], deviations by name, value, limit) for the worst value found of each quantity."""
+        columns = (np.asarray(x).tolist() for x in (self.times, self.deviations, self.values, self.limits))
+        rows = zip(self.names, *columns, strict=True)
+        return {n: (t, dict(zip(self.parameters, d, strict=True)), v, b) for n, t, d, v, b in rows}
+
+    @property
+    def code(self) -> Int[Array, ""]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """The `ResultCode` of the whole box, from its worst finding."""
+        return self._as_certificate.code
+
+    def explain(self, at: tuple[int, ...]) -> str:
+        """Describe the result, with the deviations for which a limit is not satisfied."""
+        if ResultCode(int(np.asarray(self.code))) == ResultCode.successful:
+            return "every limit is proved to be satisfied on the whole path, for all deviations in the box."
+        texts = [
+            f"{finding.statement}, for {self._deviations_text(k) or 'the strictest limit'}"
+            for k, finding in enumerate(self._as_certificate.findings())
+            if not finding.met
+        ]
+        advice = "Raise the limits, make the box smaller, or tune the path with robust_tune(..., box)."
+        return f"{'; '.join(texts)}. {advice}"
+
+    def _deviations_text(self, k: int) -> str:
+        numbers = zip(self.parameters, np.asarray(self.deviations)[k].tolist(), strict=True)
+        return ", ".join(f"{name} {with_unit(x, UNITS[name])}" for name, x in numbers)
+
+    def save(self, file: str | os.PathLike[str]) -> None:
+        """Write the certificate to a TOML or JSON file without loss of precision; `qtraj.load` reads the file.
+
+        **Raises:** ValueError if the suffix is neither .toml nor .json.
+        """
+        document.save(self, file)
+
+    def record(self) -> Record:
+        """Return the findings over the dimension `limit`, and the deviations of the worst values."""
+        inner = self._as_certificate.record()
+        at: dict[str, Any] = {
+            f"worst_{name}": Quantity(
+                np.asarray(self.deviations)[:, k], UNITS[name], "deviation of the worst value", ("limit",)
+            )
+            for k, name in enumerate(self.parameters)
+        }
+        return Record(f"for all deviations: {inner.summary}", {**inner.variables, **at}, inner.coordinates, {})
+
+    def __str__(self) -> str:
+        return "\n".join(
+            f"{finding.name} {finding.text}: {finding.status}" for finding in self._as_certificate.findings()
+        )

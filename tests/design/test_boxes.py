@@ -1,0 +1,241 @@
+"""Proofs for all deviations in a box: against sampled paths, at the limit itself, and for what is refused."""
+
+import jax
+import numpy as np
+import pytest
+
+import qtraj as qt
+from qtraj.algebra.bounded import BoundedPolynomial
+from qtraj.algebra.box_subdivision import decide
+from qtraj.algebra.degrees import Degrees
+from qtraj.algebra.exact import ExactPolynomial
+from qtraj.algebra.surd import Claim
+from qtraj.algebra.tensor_forms import in_floats, in_integers, nodes
+from qtraj.design.robust.certify_box import BoxProblem
+from qtraj.design.robust.family import Family
+
+START, END = qt.BoundaryState([20, 0, 0], [0, 6, 0]), qt.BoundaryState([0, 22, 1], [-6, 0, 0.2])
+BUS = qt.Vehicle(mass=9000.0)
+ROUNDING = 1e-12
+
+
+@pytest.fixture(scope="module")
+def path():
+    return qt.SpiralHelix.hermite(START, END, 5.5)
+
+
+def polynomial(u, p, q):
+    return (u - p) * (u - p) + 3 * (q * (p * p)) - u * q + 0.3
+
+
+def values_at_nodes(kind, degrees):
+    points = [(float(x), float(y)) for x in nodes(degrees[0]) for y in nodes(degrees[1])]
+    if kind is ExactPolynomial:
+        u = ExactPolynomial([0, 1])
+        return [polynomial(u, ExactPolynomial.of(p), ExactPolynomial.of(q)) for p, q in points]
+    p, q = (BoundedPolynomial.constant(np.array(x)) for x in zip(*points, strict=True))
+    u = BoundedPolynomial(np.repeat([[0.0], [1.0]], len(points), axis=1))
+    return polynomial(u, p, q)
+
+
+@pytest.mark.parametrize("degrees", [(2, 1), (4, 3)])
+def test_forms_are_bernstein_coefficients(degrees):
+    """At random points the forms must have the values of the polynomial, and floats and integers must agree."""
+    from scipy.stats import binom
+
+    form = in_floats(values_at_nodes(BoundedPolynomial, degrees), degrees)
+    exact = in_integers(values_at_nodes(ExactPolynomial, degrees), degrees)
+    scale = float(exact.numbers[0, 0, 0]) / form.numbers[0, 0, 0]
+    np.testing.assert_allclose(exact.numbers.astype(float) / scale, form.numbers, rtol=0, atol=form.error + ROUNDING)
+    for point in np.random.default_rng(0).random((5, 3)):
+        value = form.numbers
+        for x in point:
+            value = np.tensordot(binom.pmf(np.arange(value.shape[0]), value.shape[0] - 1, x), value, axes=(0, 0))
+        assert value == pytest.approx(polynomial(*point), abs=1e-10)
+
+
+@pytest.mark.parametrize("as_rounded", [False, True])
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_halves_have_the_values_of_the_whole(axis, as_rounded):
+    degrees = (2, 1)
+    form = in_integers(values_at_nodes(ExactPolynomial, degrees), degrees)
+    form = form.rounded() if as_rounded else form
+    left, right = form.halved(axis)
+    first, last, of_left, of_right = (f.corners() for f in (form, form, left, right))
+    np.testing.assert_array_equal(np.take(of_left, 0, axis), np.take(first, 0, axis))
+    np.testing.assert_array_equal(np.take(of_right, 1, axis), np.take(last, 1, axis))
+    np.testing.assert_array_equal(np.take(of_left, 1, axis), np.take(of_right, 0, axis))
+
+
+@pytest.mark.parametrize("add", [-1e-3, 1e-3])
+@pytest.mark.parametrize("only_integers", [False, True])
+def test_decisions_near_the_smallest_value(add, only_integers):
+    """The smallest value of (u − p)² + add is `add`, along the whole diagonal."""
+    degrees = (2,)
+    u = ExactPolynomial([0, 1])
+    exact = [in_integers([(u - float(p)) * (u - float(p)) + add for p in nodes(2)], degrees)]
+    p = BoundedPolynomial.constant(np.array(nodes(2), float))
+    u = BoundedPolynomial(np.repeat([[0.0], [1.0]], 3, axis=1))
+    floats = [in_floats((u - p) * (u - p) + add, degrees)]
+    found = decide(Claim(0), exact if only_integers else floats, lambda: exact)
+    assert (found.proved, found.refuted) == (add > 0, add < 0)
+    if add < 0:
+        assert (found.at[0] - found.at[1]) ** 2 + add < 0
+
+
+def test_degrees_of_a_product():
+    p, q = Degrees((1, 0)), Degrees((0, 1))
+    assert (p * p * q - 3.0 * q + 1).exponents == (2, 1)
+    assert (-(p + q)).derivative().exponents == (1, 1)
+    with pytest.raises(TypeError):
+        p * "x"
+
+
+@pytest.mark.parametrize("name", ["start_speed", "start_radial_speed", "end_axial_speed", "end_axial_position"])
+def test_states_of_the_paths(path, name):
+    """Only the named component of the state may change."""
+    near = jax.tree.map(lambda x: x[0], Family(path, qt.Box(**{name: 0.5})).paths(np.array([[0.25]])))
+    for end, t in (("start", 0.0), ("end", float(path.duration))):
+        before, after = (np.asarray(p.rotating_derivatives(t, 1)) for p in (path, near))
+        change = after - before
+        expected = np.zeros((2, 3))
+        if name.startswith(end):
+            kind = name.removeprefix(f"{end}_")
+            direction = {"radial_speed": [1, 0, 0], "axial_speed": [0, 0, 1], "axial_position": [0, 0, 1]}.get(kind)
+            expected[0 if kind == "axial_position" else 1] = 0.25 * np.asarray(
+                before[1] / np.linalg.norm(before[1]) if direction is None else direction
+            )
+        np.testing.assert_allclose(change, expected, atol=ROUNDING)
+
+
+CASES = [
+    (qt.Limits(curvature=0.1), qt.Box(start_speed=0.3)),
+    (qt.Limits(lateral_acceleration=3.0), qt.Box(start_speed=0.3, end_radial_speed=0.2)),
+    (qt.Limits(slope=0.5), qt.Box(start_axial_speed=0.2, end_axial_position=(-0.1, 0.2), end_speed=0.1)),
+    (qt.Limits(longitudinal_acceleration=(None, 2.0)), qt.Box(start_speed=0.3)),
+    (qt.Limits(friction=1.0, vehicle=BUS), qt.Box(start_speed=0.2, mass=(-100, 1000))),
+    (qt.Limits(power=1e6, vehicle=BUS), qt.Box(end_speed=0.2, mass=(0, 1000))),
+    (qt.Limits(height=(None, 3.0)), qt.Box(end_axial_position=0.3)),
+]
+
+
+@pytest.mark.parametrize(("limits", "box"), CASES, ids=lambda x: "-".join(x.given()) if hasattr(x, "given") else "")
+def test_a_limit_at_the_worst_sample_separates_proofs_from_counterexamples(path, limits, box):
+    """No sample may exceed a proved limit, and slightly below the worst sample no limit may be proved."""
+    problem = BoxProblem.of(path, limits, box)
+    rng = np.random.default_rng(3)
+    unit = np.concatenate([rng.random((40, len(box.names))), rng.integers(0, 2, (40, len(box.names)))])
+    samples = box.lowest + (box.highest - box.lowest) * unit
+    if "mass" in box.names:
+        samples[:, -1] = np.where(rng.random(80) < 0.5, *box.intervals["mass"])
+    worst = float(problem.values(samples)[1].max())
+    (name,) = limits.given()
+
+    def status(factor):
+        field = name.removesuffix("_max")
+        bound = (None, factor * worst) if name != field else factor * worst
+        return qt.certify_box(path, qt.Limits(**{field: bound}, vehicle=limits.vehicle), box)
+
+    assert status(1 - 1e-6).status[name] == "broken"
+    proved = status(1.05)
+    assert proved.holds
+    assert float(proved.values[0]) >= worst * (1 - ROUNDING)
+    broken = status(0.9)
+    assert broken.status[name] == "broken"
+    (_, at, value, limit) = broken.worst[name]
+    assert value > limit
+    assert float(problem.values(np.array([list(at.values())]))[1][0, 0]) == pytest.approx(value, rel=1e-9)
+
+
+def test_only_strictest_limits_count(path):
+    box = qt.Box(limits={"lateral_acceleration": (-0.2, 0.5)})
+    peak = float(qt.certify(path, qt.Limits(lateral_acceleration=9.0)).values[0])
+    assert qt.certify_box(path, qt.Limits(lateral_acceleration=peak + 0.21), box).holds
+    found = qt.certify_box(path, qt.Limits(lateral_acceleration=peak + 0.19), box)
+    assert found.status == {"lateral_acceleration": "broken"}
+    assert "strictest limit" in found.result
+
+
+def test_a_tilted_axis_and_one_that_points_down():
+    """Limits on the shape need no vertical axis; with the axis downwards, uphill is still positive."""
+    tilted = qt.SpiralHelix([20.0], [0.0, 0.3], [0.0, 1.0], 3.0, qt.Placement([0, 0, 0], [0.9, 0.1, 0.2, 0.0]))
+    box = qt.Box(start_speed=0.2)
+    assert qt.certify_box(tilted, qt.Limits(curvature=0.1), box).holds
+    with pytest.raises(ValueError, match="slope depends on the vertical"):
+        qt.certify_box(tilted, qt.Limits(slope=0.5), box)
+    down = qt.SpiralHelix([20.0], [0.0, 0.3], [0.0, 1.0], 3.0, qt.Placement([0, 0, 5.0], [0, 1, 0, 0]))
+    assert qt.certify_box(down, qt.Limits(slope=(None, -0.1), height=(1.5, 5.5)), box).holds
+    assert not qt.certify_box(down, qt.Limits(slope=(0.1, None)), box).holds
+
+
+def test_where_the_speed_vanishes_a_quantity_is_undefined():
+    path = qt.SpiralHelix([20.0], [0.0, 0.01], [0.0, 0.0], 3.0)
+    found = qt.certify_box(path, qt.Limits(lateral_acceleration=5.0), qt.Box(start_speed=(-0.2, 0.0)))
+    assert found.status["lateral_acceleration"] == "undefined"
+    with pytest.raises(RuntimeError, match="make the box smaller"):
+        found.check()
+
+
+def test_tunings_are_proved_and_at_their_limits():
+    limits = qt.Limits(lateral_acceleration=1.5, slope=0.06)
+    box = qt.Box(start_speed=0.2, limits={"lateral_acceleration": 0.05})
+    found = qt.robust_tune(START, END, limits, box, motion="hermite", starts=2)
+    assert found.successful, found.result
+    assert qt.certify_box(found.tuned.path, limits, box).holds
+    values = BoxProblem.of(found.tuned.path, limits, box).values(np.linspace(-0.2, 0.2, 21)[:, None])[1][:, 0]
+    assert 0.999 * 1.45 < values.max() <= 1.45
+
+
+def test_a_box_that_is_too_large_is_infeasible_with_advice():
+    box = qt.Box(limits={"lateral_acceleration": (-1.49, 0.0)}, start_speed=3.0)
+    found = qt.robust_tune(START, END, qt.Limits(lateral_acceleration=1.5), box, starts=1)
+    assert not found.successful
+    assert "make the box smaller" in found.result or "tightened limits" in found.result
+
+
+def test_results_are_saved(path, tmp_path):
+    box = qt.Box(start_speed=(-0.1, 0.2), limits={"speed": 0.1})
+    found = qt.certify_box(path, qt.Limits(speed=8.0), box)
+    for each, name in ((box, "box.json"), (found, "found.toml")):
+        each.save(tmp_path / name) if hasattr(each, "save") else None
+    assert qt.load(tmp_path / "found.toml").result == found.result
+    assert float(found.to_xarray().worst_start_speed[0]) == pytest.approx(0.2)
+    assert "proved" in str(found)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: qt.Box(), "every deviation is zero"),
+        (lambda: qt.Box(start_speed=-0.1), "a number of 0 or more"),
+        (lambda: qt.Box(start_speed=(0.1, np.nan)), "a finite number b"),
+        (lambda: qt.Box(start_speed="fast"), "a finite number b"),
+        (lambda: qt.Box(duration=0.1), "duration is not a parameter of a Box: the duration is fixed"),
+        (lambda: qt.Box(friction=0.1), "pass limits="),
+        (lambda: qt.Box(start_position=0.1), "only axial positions"),
+        (lambda: qt.Box(colour=0.1), "its parameters are start_speed"),
+        (lambda: qt.Box(0.1, 0.1, 0.1, 0.1), "at most 3 parameters"),
+        (lambda: box_of(limits=qt.Limits(speed=9.0), box=0.1), "box"),
+        (lambda: box_of(limits=qt.Limits()), "at least one limit"),
+        (lambda: box_of(limits=qt.Limits(speed=qt.Along([0.0, 9.0], [9.0, 8.0]))), "supports only limits"),
+        (lambda: box_of(limits=qt.Limits(keep_out=[qt.Ball([0, 0, 0], 1.0)])), "omit keep_out"),
+        (lambda: box_of(box=qt.Box(limits={"jerk": 1.0})), "no such limit"),
+        (lambda: box_of(box=qt.Box(limits={"speed": 9.5})), "it must be positive"),
+        (lambda: box_of(box=qt.Box(mass=10.0)), "limits have no vehicle"),
+        (
+            lambda: box_of(qt.Limits(power=1e4, vehicle=qt.Vehicle(9e3, drag_area=6.0)), qt.Box(mass=10.0)),
+            "air drag contains its inverse",
+        ),
+        (lambda: box_of(qt.Limits(power=1e4, vehicle=BUS), qt.Box(mass=9e3)), "must stay positive"),
+        (lambda: qt.robust_tune(START, END, qt.Limits(speed=9.0), qt.Box(0.1), 0.9), "only for a Spread"),
+    ],
+)
+def test_mistakes_are_named(call, message):
+    with pytest.raises((ValueError, TypeError), match=message):
+        call()
+
+
+def box_of(limits=None, box=None):
+    """A call with defaults."""
+    path = qt.SpiralHelix.hermite(START, END, 5.5)
+    return qt.certify_box(path, qt.Limits(speed=9.0) if limits is None else limits, qt.Box(0.1) if box is None else box)
