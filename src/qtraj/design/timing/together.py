@@ -15,7 +15,8 @@ from qtraj.design.proof.certify import certify
 from qtraj.design.timing.adaptive import on_chosen_cells
 from qtraj.design.timing.bodies import rows_of_body
 from qtraj.design.timing.constraints import POWERS
-from qtraj.design.timing.ends import begun
+from qtraj.design.timing.ends import begun, known_speeds
+from qtraj.design.timing.held import Solved, with_ends
 from qtraj.design.timing.laps import require_lap
 from qtraj.design.timing.outcome import Retimed
 from qtraj.design.timing.part_search import Posed, Searched, searched
@@ -132,11 +133,17 @@ def _timed(
     begins = [begun(path, wanted, standing) for path in bodies]
     rest = (known_zero(speeds[0]) and not standing[0], known_zero(speeds[1]) and not standing[1])
     at_ends = begins[0].largest[(True, True)]
-    if p.knots is not None or traced:
-        x, excess = searched(p, part, fixed(p, part), at_ends, rest), np.nan
-    else:
-        x, excess = on_chosen_cells(p, part, at_ends, rest)
-    timing, certificates, slower = _proved(x, bodies, limits, traced)
+    grid = fixed(p, part) if p.knots is not None or traced else None
+
+    def solved(p: Posed) -> Solved:
+        if grid is not None:
+            x, excess = searched(p, part, grid, at_ends, rest), np.nan
+        else:
+            x, excess = on_chosen_cells(p, part, at_ends, rest)
+        proved = _proved(x, bodies, limits, traced)
+        return Solved((x, excess, *proved), proved[0].coefficients, x.found.error < x.enough)
+
+    x, excess, timing, certificates, slower = with_ends(p, part, (at_ends, rest), grid, solved)
     time = timing.duration if xp is np else stop_gradient(timing.duration) + x.found.sensitivity
     gap = np.asarray(excess) / time + 1 - (1 - slower) ** 0.5
     usage = [row * (1 - MARGIN) * (1 - slower) ** POWERS[name] for row, name in zip(x.found.usage, p.rows, strict=True)]
@@ -152,7 +159,7 @@ def _timed(
             code = accuracy_code(float(time), None, float(gap), p.tolerance)
         rows = xp.stack([usage[row] for row in rows_of_body(p.all_bounds, k, own.names)])
         result = RetimedPath(path, timing), time, own, rows, ends[0], code, x.found.steps
-        results.append(Retimed(*result, gap=gap))
+        results.append(Retimed(*result, gap=gap, wanted=known_speeds(speeds if k == 0 else (None, None))))
     return tuple(results)
 
 
