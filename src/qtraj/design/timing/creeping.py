@@ -3,8 +3,8 @@
 Where a recorded vehicle creeps, the segments of a route are regular curves R(w) with a progress w(t) whose rate almost
 vanishes. In the parameter t, the timing u̇²(u) would have a peak there that takes hundreds of cells. So the progress of
 such a run of segments is replaced: its rate changes to a constant one and back again, along the same curves, and in the
-same time unless the vehicle creeps for long. The route does not change outside the run. Where the vehicle creeps at an end
-of the route, but is not at rest, the constant rate begins at this end.
+same time unless the vehicle creeps for long. The route does not change outside the run. Where the vehicle creeps at an
+end of the route, but is not at rest, the rate is constant.
 """
 
 from __future__ import annotations
