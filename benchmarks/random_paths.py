@@ -110,6 +110,42 @@ def with_speed(path: RandomPath, seed: int) -> RandomPath:
     return path._replace(limits={"speed": top, **limits})
 
 
+def reparametrised(path: RandomPath, seed: int) -> RandomPath | None:
+    """Return the same curve over another parameter, or None for a curve of more than the third degree.
+
+    The old parameter u is a quadratic spline of the new one, whose rate changes at random by factors of up to 200
+    between its 2 to 12 pieces. A cubic curve of it has the degree 6, and r'' jumps between the pieces.
+    """
+    x, c = path.spline.x, path.spline.c[::-1]
+    if len(c) > 4:
+        return None
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(2, 13))
+    rates = np.exp(rng.uniform(np.log(0.005), 0.0, count + 1))
+    steps = np.exp(rng.normal(0, 0.5, count))
+    scale = (x[-1] - x[0]) / np.sum(steps * (rates[1:] + rates[:-1]) / 2)
+    rates, s = rates * scale, np.concatenate([[0.0], np.cumsum(steps)])
+    bend, first = (
+        np.diff(rates) / steps / 2,
+        x[0] + np.concatenate([[0.0], np.cumsum(steps * np.convolve(rates, [0.5, 0.5])[1:-1])]),
+    )
+    piece = np.clip(np.searchsorted(first, x[1:-1], side="right") - 1, 0, count - 1)
+    ahead = x[1:-1] - first[piece]
+    joints = s[piece] + 2 * ahead / (rates[piece] + np.sqrt(rates[piece] ** 2 + 4 * bend[piece] * ahead))
+    knots = np.unique(np.concatenate([s, joints]))
+    knots = np.append(knots[:-1][np.diff(knots) > 1e-12 * s[-1]], s[-1])
+    piece = np.clip(np.searchsorted(s, knots[:-1], side="right") - 1, 0, count - 1)
+    t, half = knots[:-1] - s[piece], np.diff(knots) / 2
+    u, slope = first[piece] + t * (rates[piece] + bend[piece] * t), rates[piece] + 2 * bend[piece] * t
+    k = np.clip(np.searchsorted(x, u + half * (slope + bend[piece] * half), side="right") - 1, 0, x.size - 2)
+    found, power = np.zeros((7, t.size, 3)), np.eye(7)[0][:, None] * np.ones(t.size)
+    for i in range(len(c)):  # Taylor's coefficients of the cubic at u, and the powers of u(s) − u
+        taylor = sum(math.comb(j, i) * c[j, k] * (u - x[k])[:, None] ** (j - i) for j in range(i, len(c)))
+        found += power[:, :, None] * taylor
+        power = np.pad(power, ((1, 0), (0, 0)))[:7] * slope + np.pad(power, ((2, 0), (0, 0)))[:7] * bend[piece]
+    return path._replace(spline=PPoly(found[::-1], knots))
+
+
 def exact_duration(path: RandomPath, samples: int = 200_000) -> float:
     """Return the minimum duration from rest to rest, by a forward and a backward pass along the distance [s].
 

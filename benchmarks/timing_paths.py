@@ -4,10 +4,12 @@
     python -m benchmarks.timing_paths --paths 2000 --toppra 100 --jerk 200
     python -m benchmarks.timing_paths --braking 3 --toppra 0 --jerk 0
     python -m benchmarks.timing_paths --paths 0 --jerk 0 --toppra 0 --ipopt 200
+    python -m benchmarks.timing_paths --first 400 --paths 400 --jerk 0 --toppra 0
 
 The paths are those of `random_paths`, from rest to rest, with limits on the speed and on the lateral and longitudinal
 acceleration; with `--braking`, the limit on braking is this multiple of that on acceleration. The exact duration is
-computed by a forward and a backward pass on 200 000 samples. TOPPRA (extra `dev`)
+computed by a forward and a backward pass on 200 000 samples. Cubic curves are timed again over another parameter, which
+slows at random. `--first` is the first seed, so that parts of a long sweep can run alone. TOPPRA (extra `dev`)
 gets 1 000 equidistant grid points; its limits are then evaluated between them. With a limit on the jerk, the duration
 is compared with that for a tenfold smaller tolerance, or with that of IPOPT on a fine grid; IPOPT starts from the
 timing of `retime`.
@@ -15,13 +17,14 @@ timing of `retime`.
 
 import argparse
 import itertools
+import sys
 import time
 
 import jax
 import numpy as np
 
 import qtraj as qt
-from benchmarks.random_paths import exact_duration, random_path
+from benchmarks.random_paths import exact_duration, random_path, reparametrised
 from benchmarks.timing_toppra import OfSpline, sampled_excess, with_toppra
 
 GRID, NODES = 1000, 600
@@ -45,14 +48,19 @@ def timed(path, **options):
 
 def quantiles(name, values, unit=""):
     """Print the median, the 90 % quantile and the extremes."""
+    if not len(values):
+        return
     low, middle, high, most = np.quantile(values, [0.0, 0.5, 0.9, 1.0])
     print(f"  {name}: median {middle:.3g}{unit}, 90 % below {high:.3g}{unit}, {low:.3g} to {most:.3g}{unit}")
 
 
-def random_paths(count, braking):
-    """Compare with the exact durations; `braking` is the ratio of the limits on braking and acceleration."""
-    refused, failed, gaps, claimed, seconds, cells = 0, [], [], [], [], []
-    for seed in range(count):
+def random_paths(first, count, braking):
+    """Compare with the exact durations, and with those of the same curves over other parameters.
+
+    `braking` is the ratio of the limits on braking and acceleration. The seeds start at `first`.
+    """
+    refused, failed, gaps, claimed, seconds, cells, changes = 0, [], [], [], [], [], []
+    for seed in reported(range(first, first + count)):
         path = random_path(seed)
         path = path if braking == 1 else path.braking(braking)
         result = timed(path)
@@ -67,17 +75,33 @@ def random_paths(count, braking):
         claimed.append(float(found.gap))
         seconds.append(1e3 * taken)
         cells.append(found.timing.knots.size - 1)
+        other = reparametrised(path, seed)
+        again = None if other is None else timed(other)
+        if again is not None:
+            changes.append(float(again[0].duration) / float(found.duration) - 1)
+            if again[0].code != qt.ResultCode.successful or abs(changes[-1]) > 1e-3:
+                failed.append((seed, int(again[0].code), changes[-1], "over another parameter"))
     print(f"{count} random paths: {refused} reverse on a straight line and are refused")
-    print(f"  not proved, or not within 0.5 % of the exact duration: {len(failed)} {failed[:5]}")
+    print("  not proved, not within 0.5 % of the exact duration, or changed by more than 0.1 % by another parameter:")
+    print(f"    {len(failed)} {failed[:20]}")
     quantiles("longer than the exact duration by", gaps)
     quantiles("estimate `gap`", claimed)
+    quantiles(f"change by another parameter, for {len(changes)} of them", np.abs(changes))
     quantiles("processor time", seconds, " ms")
     quantiles("cells", cells)
 
 
-def paths_with_jerk(points=40):
+def reported(seeds):
+    """Yield the seeds, and count them on a terminal."""
+    for k, seed in enumerate(seeds):
+        if sys.stderr.isatty():
+            print(f"  {k} of {len(seeds)} paths", end="\r", file=sys.stderr, flush=True)
+        yield seed
+
+
+def paths_with_jerk(first, points=40):
     """Yield seeds and random paths with a limit on the jerk."""
-    for seed in itertools.count():
+    for seed in itertools.count(first):
         path = random_path(seed, points)
         if path.kinds[2] == "cubic hermite":  # its acceleration jumps
             continue
@@ -86,10 +110,10 @@ def paths_with_jerk(points=40):
         yield seed, path
 
 
-def with_jerk(count):
+def with_jerk(first, count):
     """Compare with the durations for a tenfold smaller tolerance."""
     failed, changes, seconds = [], [], []
-    for seed, path in paths_with_jerk():
+    for seed, path in paths_with_jerk(first):
         if len(changes) == count:
             break
         result, fine = timed(path), timed(path, tolerance=1e-4)
@@ -106,12 +130,12 @@ def with_jerk(count):
     quantiles("processor time", seconds, " ms")
 
 
-def beside_ipopt(count):
+def beside_ipopt(first, count):
     """Compare with IPOPT on a grid that divides the cells of `retime`, and starts from its timing."""
     from benchmarks.timing_in_casadi import with_ipopt
 
     failed, changes, unsolved, seconds = [], [], 0, []
-    for seed, path in paths_with_jerk(points=12):
+    for seed, path in paths_with_jerk(first, points=12):
         if len(changes) + unsolved == count:
             break
         result = timed(path)
@@ -168,6 +192,7 @@ def beside_toppra(count):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--paths", type=int, default=200)
+    parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--braking", type=float, default=1.0)
     parser.add_argument("--jerk", type=int, default=20)
     parser.add_argument("--toppra", type=int, default=20)
@@ -176,13 +201,13 @@ def main():
     jax.config.update("jax_enable_x64", True)
     np.seterr(all="ignore")
     if given.paths:
-        random_paths(given.paths, given.braking)
+        random_paths(given.first, given.paths, given.braking)
     if given.jerk:
-        with_jerk(given.jerk)
+        with_jerk(given.first, given.jerk)
     if given.toppra:
         beside_toppra(given.toppra)
     if given.ipopt:
-        beside_ipopt(given.ipopt)
+        beside_ipopt(given.first, given.ipopt)
 
 
 if __name__ == "__main__":

@@ -75,6 +75,19 @@ def test_an_even_progress_keeps_the_curve_and_the_time(route):
         np.testing.assert_allclose(even.position(t), route.position(t), rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("backwards", [False, True])
+def test_a_route_may_begin_or_end_where_the_vehicle_creeps(backwards):
+    """With a free speed there, the timing is as fast as that of the same curve with an even progress."""
+    ramp, rest = changes(0.004, 1.0, 0.4), [(0.4, [0.0, 1.0, 0.0, 0.0])]
+    slow = route_with([*ramp, *rest])
+    constant = route_with([(sum(np.polyval(c[::-1], h) for h, c in ramp) + 0.4, [0.0, 1.0, 0.0, 0.0])])
+    slow, constant = (x.reversed() if backwards else x for x in (slow, constant))
+    assert slowest_inside(evenly(slow)) > 2
+    found = qt.retime(slow, LIMITS, throw=True)
+    assert found.duration == pytest.approx(float(qt.retime(constant, LIMITS, throw=True).duration), rel=1e-3)
+    assert np.abs(np.asarray(evenly(slow).jumps(2))).max() < 1e-9
+
+
 def test_a_reversed_route_creeps_as_little():
     route = halting(0.01)
     even = evenly(route.reversed())

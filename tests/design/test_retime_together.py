@@ -201,3 +201,28 @@ def test_the_number_of_limits_must_be_that_of_the_bodies():
         qt.retime_together([MOVES, MOVES], [qt.Limits(speed=3.0)])
     with pytest.raises(RuntimeError, match="end_speed cannot be reached"):
         qt.retime_together([MOVES, WAITS_FIRST], qt.Limits(speed=3.0), 0.0, 5.0, throw=True)
+
+
+def test_a_prescribed_duration_is_met_as_gently_as_possible():
+    """The limits of all bodies are reduced by one factor, with which the timing takes the prescribed duration."""
+    limits = [qt.Limits(speed=3.0, longitudinal_acceleration=1.0), qt.Limits(speed=3.0, acceleration=2.0, jerk=5.0)]
+    routes = [MOVES, WAITS_FIRST]
+    fastest = qt.retime_together(routes, limits, 0.0, 0.0, knots=64)
+    wanted = 1.4 * float(fastest[0].duration)
+    timed = qt.retime_together(routes, limits, 0.0, 0.0, duration=wanted, knots=64, throw=True)
+    assert timed[1].duration == pytest.approx(wanted, rel=1e-3)
+    share = float(timed[0].share)
+    assert 0.3 < share < 0.9
+    gentle = [
+        qt.Limits(speed=3.0, longitudinal_acceleration=share),
+        qt.Limits(speed=3.0, acceleration=2 * share, jerk=5 * share**1.5),
+    ]
+    for own, limit in zip(timed, gentle, strict=True):
+        assert qt.certify(own.path, limit).holds
+        assert np.max(own.usage) <= 1
+    again = qt.retime_together(routes, gentle, 0.0, 0.0, knots=64)
+    assert again[0].duration == pytest.approx(wanted, rel=2e-3)
+    short = qt.retime_together(routes, limits, 0.0, 0.0, duration=0.5 * wanted, knots=64)
+    assert short[0].code == qt.ResultCode.duration_too_short
+    with pytest.raises(ValueError, match="duration"):
+        qt.retime_together(routes, limits, duration=-1.0)

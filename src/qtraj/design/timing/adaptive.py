@@ -30,7 +30,7 @@ from qtraj.design.timing.constraints import POWERS
 from qtraj.design.timing.part_search import Drafted, Posed, Searched, first_search, searched, shape_of, task_of
 from qtraj.design.timing.parts import Part
 from qtraj.design.timing.relaxed import Task
-from qtraj.design.timing.rounds import GAPS
+from qtraj.design.timing.rounds import GAPS, LEAST_ERROR
 from qtraj.design.timing.sided import excludes_zero
 from qtraj.path.quantity import quantity
 
@@ -51,9 +51,6 @@ HALVED = 2
 COUPLED, FINER = {"acceleration", "yaw_acceleration", "vertical_acceleration", "jerk", "friction", "power"}, 0.2
 """Quantities with whose limits the relaxed timing is faster than the fastest one, and without which the accuracy of the
 cells is multiplied by `FINER` if the duration hardly changes."""
-
-LEAST_ERROR = 0.1
-"""With chosen cells, an optimality error of at most this fraction of the tolerance is small enough, also in a draft."""
 
 NOTICED = 1e-4
 """Relative violation of a limit between the nodes, beyond that of all cells, with which a cell is halved."""

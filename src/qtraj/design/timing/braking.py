@@ -18,6 +18,7 @@ from qtraj.design.timing.cells import Cells, Shape
 from qtraj.design.timing.constraint_values import ratios, used
 from qtraj.design.timing.constraints import NAMES, listed, parts
 from qtraj.design.timing.deceleration import Deceleration, Met, constant, from_place, gradual
+from qtraj.design.timing.end_advice import BRAKING
 from qtraj.design.timing.grid import Grid
 from qtraj.design.timing.part_search import Posed, shape_of
 from qtraj.design.timing.part_timing import TimedPart, codes_of
@@ -28,9 +29,6 @@ from qtraj.design.timing.timing import Timing
 from qtraj.design.varying import at_places, in_cells, strictest
 from qtraj.foundation.arrays import is_traced
 from qtraj.path.quantity import quantity
-
-LIMITS = ("longitudinal_acceleration", "longitudinal_acceleration_min")
-"""The limits that bound the deceleration."""
 
 RESERVE = 1e-3
 """Fraction by which the deceleration stays below its limit, for the error of the cubics."""
@@ -89,7 +87,7 @@ def braked(p: Posed, part: Part, found: tuple[TimedPart, Grid | None], speed: An
     of the part, or if an argument is traced.
     """
     timed, grid = found
-    limit = next((name for name in LIMITS if name in p.bounds), None)
+    limit = next((name for name in BRAKING if name in p.bounds), None)
     if grid is None or is_traced(p.path, p.bounds, p.vehicle, speed) or limit is None:
         return None
     shape = shape_of(p.path, part)

@@ -3,7 +3,8 @@
 Where a recorded vehicle creeps, the segments of a route are regular curves R(w) with a progress w(t) whose rate almost
 vanishes. In the parameter t, the timing u̇²(u) would have a peak there that takes hundreds of cells. So the progress of
 such a run of segments is replaced: its rate changes to a constant one and back again, along the same curves, and in the
-same time unless the vehicle creeps for long. The route does not change outside the run.
+same time unless the vehicle creeps for long. The route does not change outside the run. Where the vehicle creeps at an
+end of the route, but is not at rest, the rate is constant.
 """
 
 from __future__ import annotations
@@ -35,7 +36,10 @@ BISECTIONS = 60
 
 
 class _Run(NamedTuple):
-    """Successive segments from `first` to before `last`; at the ends w'' is zero, and w' is `ends`."""
+    """Successive segments from `first` to before `last`; at the ends w'' is zero, and w' is `ends`.
+
+    At an end of the route where the vehicle is not at rest, the new rate is free, and `ends` is NaN.
+    """
 
     first: int
     last: int
@@ -110,7 +114,9 @@ def _runs(s: Segments) -> list[_Run]:
         ends[np.abs(ends) <= ROUNDING * most] = 0.0
         bends = np.abs([second[first, 0], second[last - 1, -1]]) * s.durations[first:last].sum()
         inside = rate[first:last].ravel()[1:-1]
-        if moves[first] and (inside > 0).all() and (ends >= 0).all() and (bends <= ROUNDING * most).all():
+        outside = np.array([first == 0, last == len(moves)]) & (ends > 0)
+        ends, bends = np.where(outside, np.nan, ends), np.where(outside, 0.0, bends)
+        if moves[first] and (inside > 0).all() and not (ends < 0).any() and (bends <= ROUNDING * most).all():
             found.append(_Run(first, last, (float(ends[0]), float(ends[1]))))
     return found
 
@@ -118,6 +124,7 @@ def _runs(s: Segments) -> list[_Run]:
 def _creeps(s: Segments, run: _Run) -> bool:
     rate = _rates(s.part(slice(run.first, run.last)), 1).ravel()
     before, after = np.maximum.accumulate(rate), np.maximum.accumulate(rate[::-1])[::-1]
+    before, after = (np.where(np.isnan(x), rate.max(), y) for x, y in zip(run.ends, (before, after), strict=True))
     return bool((rate < DIP * np.minimum(before, after)).any())
 
 
@@ -131,7 +138,8 @@ def _even(s: Segments, run: _Run) -> _Replaced:
     lengths = w[lasts, -1] - w[curves, 0]
     reached = np.concatenate([[0.0], np.cumsum(lengths)])
     given = float(own.durations.sum())
-    total = min(given, _duration(run.ends, float(reached[-1]), SLOWEST * max(run.ends)) if any(run.ends) else given)
+    fastest = np.nan_to_num(run.ends).max()
+    total = min(given, _duration(run.ends, float(reached[-1]), SLOWEST * fastest)) if fastest > 0 else given
     even = _progress(run.ends, float(reached[-1]), total)
     joints = _times_at(even, reached[1:-1], total)
     local = np.union1d(even.starts, joints)
@@ -144,7 +152,7 @@ def _even(s: Segments, run: _Run) -> _Replaced:
 
 def _duration(ends: tuple[float, float], length: float, rate: float) -> float:
     """Return the time of a progress of `length` with the rates `ends`, and the constant `rate` along its half."""
-    return 0.5 * length * (1 / rate + sum(1 / (rate + end) for end in ends))
+    return 0.5 * length * (1 / rate + sum(1 / (rate + end) for end in _with_free(ends, rate)))
 
 
 def _progress(ends: tuple[float, float], length: float, total: float) -> _Progress:
@@ -154,6 +162,7 @@ def _progress(ends: tuple[float, float], length: float, total: float) -> _Progre
         rate = 0.5 * (low + high)
         low, high = (rate, high) if _duration(ends, length, rate) > total else (low, rate)
     rate = 0.5 * (low + high)
+    ends = _with_free(ends, rate)
     first, last = (0.25 * length / (rate + end) for end in ends)
     middle = total - 2 * (first + last)
     durations = np.array([first, first, middle, last, last])
@@ -165,6 +174,12 @@ def _progress(ends: tuple[float, float], length: float, total: float) -> _Progre
     steps = pieces.values(c[..., None], durations, 0)[0][:, 0]
     c[:, 0] = np.cumsum(steps) - steps
     return _Progress(np.cumsum(durations) - durations, c)
+
+
+def _with_free(ends: tuple[float, float], rate: float) -> tuple[float, float]:
+    """Return the rates at the ends; a free one is the constant `rate`."""
+    start, end = (rate if np.isnan(x) else x for x in ends)
+    return start, end
 
 
 def _times_at(even: _Progress, goal: np.ndarray, total: float) -> np.ndarray:

@@ -47,3 +47,9 @@ def begun(path: AbstractHodograph, wanted: tuple[Any, Any], standing: Any) -> Be
     of_parts = {side: xp.where(np.array(side), largest, free) for side in sides}
     most = xp.max(speeds)
     return Begun(pace, goal, of_parts, free, xp.min(speeds) / most, most)
+
+
+def known_speeds(speeds: tuple[Any, Any]) -> Any:
+    """Return the prescribed speeds at both ends [m/s], NaN where free."""
+    xp: Any = jnp if is_traced(speeds) else np
+    return xp.stack([xp.asarray(np.nan if v is None else v) for v in speeds])

@@ -12,6 +12,7 @@ from jaxtyping import Float, Int
 
 from qtraj.design.ellipse import Ellipse
 from qtraj.design.proof.certificate import Certificate
+from qtraj.design.timing.end_advice import missed_speeds
 from qtraj.design.timing.sources import source
 from qtraj.design.timing.steepness import friction_at_rest
 from qtraj.design.timing.timing import RetimedPath, Timing
@@ -47,6 +48,7 @@ class Retimed(AbstractOutcome):
     - `certificate`: the findings on all limits, for the whole path.
     - `usage` (limits, cells): the largest ratio of each limited quantity to its limit in each cell of `timing`.
     - `speeds` (2,) [m/s]: the speeds at the start and at the end.
+    - `wanted` (2,) [m/s]: the prescribed speeds at the start and at the end; NaN where free.
     - `code`: a `ResultCode`.
     - `iterations`: the number of steps of all searches.
     - `vehicle`: the vehicle of limits on friction or power, otherwise None.
@@ -84,6 +86,7 @@ class Retimed(AbstractOutcome):
     braking_distance: Float[Any, "*batch"]
     bounds: Float[Any, "*batch limits cells"] | None
     combined: Ellipse | None
+    wanted: Float[Any, "*batch 2"]
 
     def __init__(
         self,
@@ -102,12 +105,13 @@ class Retimed(AbstractOutcome):
         braking_distance: ArrayInput = 0.0,
         bounds: ArrayInput | None = None,
         combined: Ellipse | None = None,
+        wanted: ArrayInput = (np.nan, np.nan),
     ):
         self.path, self.certificate, self.vehicle, self.of_shape = path, certificate, vehicle, bool(of_shape)
         self.duration, self.usage, self.speeds = as_float(duration), as_float(usage), as_float(speeds)
         self.gap, self.share = as_float(gap), as_float(share)
         self.braking_time, self.braking_distance = as_float(braking_time), as_float(braking_distance)
-        self.combined = combined
+        self.combined, self.wanted = combined, as_float(wanted)
         self.bounds = None if bounds is None else as_float(bounds)
         self.code, self.iterations = as_array(code, jnp.int32), as_array(iterations, jnp.int32)
 
@@ -164,11 +168,8 @@ class Retimed(AbstractOutcome):
                 found = f"the fastest timing that was found takes {time:.6g} s"
             return f"converged: {found}, and every limit is proved to be satisfied on the whole path."
         if code == ResultCode.end_speed_not_reached:
-            start, end = np.asarray(self.speeds)[at]
-            return (
-                f"{code.text} The fastest timing has {start:.4g} m/s at the start and {end:.4g} m/s at the end. "
-                f"{self._braking_advice()}"
-            )
+            wanted, speeds = (np.asarray(x)[at] for x in (self.wanted, self.speeds))
+            return missed_speeds(wanted, speeds, self.certificate.names) or code.text
         if code == ResultCode.starts_above_limits:
             when, where = (float(np.asarray(x)[at]) for x in (self.braking_time, self.braking_distance))
             proved = "satisfied at all samples" if source(self.path.path) is None else "proved to be satisfied"
@@ -238,18 +239,6 @@ class Retimed(AbstractOutcome):
             f"no timing was found. The road is too steep or banked to drive it slowly: at ({where}) m, gravity alone "
             f"needs {needed:.4g} of the available friction, but the limit is {limit:.4g}. Raise the limit on friction "
             "above the former value, pass a vehicle with more friction, or change the path."
-        )
-
-    def _braking_advice(self) -> str:
-        """Return advice on a start speed that is higher than the limits allow."""
-        if "longitudinal_acceleration" not in self.certificate.names:
-            return (
-                "If start_speed is the higher one, add a limit on longitudinal_acceleration: then the vehicle brakes "
-                "from start_speed until it is within the limits. Without this limit, braking is unbounded."
-            )
-        return (
-            "A start_speed above the limits is possible only if the vehicle can brake until it is within the limits "
-            "before its first stop or the end of the path, and if no duration is prescribed or argument traced."
         )
 
     def save(self, file: str | os.PathLike[str]) -> None:

@@ -27,12 +27,16 @@ from qtraj.path.road_on_path import RoadOnPath
 from qtraj.path.road_parameters import RoadParameters
 from qtraj.path.route import Route
 
+Held = tuple[float | None, float | None]
+"""Prescribed values of u̇² at the start and at the end; None for an end at which it is only bounded."""
+
 
 class Posed(NamedTuple):
     """A path, its polynomials or None, its limits with their names, and the arguments of `retime` for its cells.
 
     `knots` is None if the cells are chosen for the `tolerance`. The squared rate u̇² of the result is reduced by the
-    fraction `slower`. `others` are the paths and the limits of further bodies with the same timing.
+    fraction `slower`. `others` are the paths and the limits of further bodies with the same timing. `held` are the
+    prescribed values of u̇² at the ends.
     """
 
     path: AbstractHodograph
@@ -45,6 +49,7 @@ class Posed(NamedTuple):
     tolerance: float
     slower: float = 0.0
     others: tuple[tuple[AbstractHodograph, dict[str, Any]], ...] = ()
+    held: Held = (None, None)
 
     @property
     def all_bounds(self) -> tuple[dict[str, Any], ...]:
@@ -154,8 +159,9 @@ def _problem(
     joint = np.diff(grid.segment) > 0
     smooth = np.full(grid.cells - 1, 2)
     smooth[joint] = part.smooth[grid.segment[:-1][joint] - part.first]
-    problem = Problem(p.path, start, end, p.bounds, ends, p.vehicle, np.array(part.stops), p.others)
-    return problem, tables(grid, rest, p.lap, smooth), start + grid.knots * ((end - start) / grid.knots[-1])
+    problem = Problem(p.path, start, end, p.bounds, ends, p.vehicle, np.array(part.stops), p.others, p.held)
+    fixed = p.held[0] is not None, p.held[1] is not None
+    return problem, tables(grid, rest, p.lap, smooth, fixed), start + grid.knots * ((end - start) / grid.knots[-1])
 
 
 def shape_of(path: AbstractHodograph, part: Part, others: Sequence[AbstractHodograph] = ()) -> Shape:

@@ -12,7 +12,8 @@ from qtraj.design.ellipse import OfSpeed
 from qtraj.design.proof.certificate import PROVED, SAMPLED
 from qtraj.design.timing.adaptive import on_chosen_cells
 from qtraj.design.timing.constraints import NAMES, POWERS, listed
-from qtraj.design.timing.grid import Grid, ends, of_segments, uniform
+from qtraj.design.timing.grid import Grid, ends as ends_of_cells, of_segments, uniform
+from qtraj.design.timing.held import Solved, with_ends
 from qtraj.design.timing.part_search import Posed, Searched, searched
 from qtraj.design.timing.parts import Part, known_segments
 from qtraj.design.timing.proof import prove
@@ -62,22 +63,30 @@ def timed(p: Posed, part: Part, at_ends: Any, rest: tuple[bool, bool]) -> tuple[
         knots = np.stack([np.asarray(part.start), np.asarray(part.end)])
         stands = np.full((len(NAMES), 1), PROVED, np.int32)
         return TimedPart(np.array([[1.0, 0, 0, 0]]), np.zeros((rows, 1)), stands, knots), None
-    if p.knots is not None or is_traced(p.path, p.bounds, p.vehicle, at_ends):  # other cells would be compiled anew
-        x, excess = searched(p, part, fixed(p, part), at_ends, rest), np.nan
+    # For traced arguments, other cells would be compiled anew.
+    grid = fixed(p, part) if p.knots is not None or is_traced(p.path, p.bounds, p.vehicle, at_ends) else None
+    return with_ends(p, part, (at_ends, rest), grid, lambda p: _solved(p, part, (at_ends, rest), grid))
+
+
+def _solved(p: Posed, part: Part, ends: tuple[Any, tuple[bool, bool]], grid: Grid | None) -> Solved:
+    """Return the timing and its cells."""
+    if grid is not None:
+        x, excess = searched(p, part, grid, *ends), np.nan
         proofs = _proved(p, x)
     else:
-        x, excess = on_chosen_cells(p, part, at_ends, rest)
+        x, excess = on_chosen_cells(p, part, *ends)
         proofs = _proved(p, x)
         if any(isinstance(bound, OfSpeed) for bound in p.bounds.values()) and not _all_proved(p, proofs[2]):
             # Large cells cannot follow a limit that changes within a small range of speeds.
             for cells in SMALL_CELLS:
-                again = searched(p, part, fixed(p._replace(knots=cells), part), at_ends, rest)
+                again = searched(p, part, fixed(p._replace(knots=cells), part), *ends)
                 if _all_proved(p, (others := _proved(p, again))[2]):
                     x, excess, proofs = again, np.nan, others
                     break
     powers, usage, codes, slower = proofs
     excess = excess + (1 - (1 - slower) ** 0.5) * x.times().sum() if slower else excess
-    return TimedPart(powers, usage, codes, x.knots, x.found, np.asarray(x.enough), np.asarray(excess)), x.grid
+    timed = TimedPart(powers, usage, codes, x.knots, x.found, np.asarray(x.enough), np.asarray(excess))
+    return Solved((timed, x.grid), powers, x.found.error < x.enough)
 
 
 def moving_time(parts: list[tuple[TimedPart, Grid | None]], rest: tuple[bool, bool]) -> float:
@@ -132,12 +141,12 @@ def codes_of(p: Posed, grid: Grid, powers: Any, rest: tuple[bool, bool], unbound
         return np.full((len(NAMES), grid.cells), SAMPLED, np.int32)
     # Nothing is proved about a timing that no limit bounds, because the proofs could take long.
     xp = namespace(unbounded, powers)
-    bounds = in_cells(p.bounds, *ends(p.path, grid)) if varies(p.bounds) else p.bounds
+    bounds = in_cells(p.bounds, *ends_of_cells(p.path, grid)) if varies(p.bounds) else p.bounds
     given = {name: _if_bounded(xp, unbounded, bounds[name]) for name in p.names}
     own, given, road = constants((powers, given, p.vehicle))
     timing = own, np.array(rest)
     if isinstance(road, RoadOnPath):
-        return proved_on_road(p.polynomials, grid, timing, given, road, ends(p.path, grid))
+        return proved_on_road(p.polynomials, grid, timing, given, road, ends_of_cells(p.path, grid))
     return prove(p.polynomials, grid, timing, given, road).codes
 
 

@@ -44,16 +44,20 @@ def gentlest(p: Posed, wanted: float, keeps_ends: bool, duration: Callable[[Pose
     down the whole motion.
     """
     own = p._replace(polynomials=None)  # without proofs
-    scalable = any(_exponent(name, p.bounds[name]) > 0 for name in p.names)
+    scalable = any(_exponent(name, x) > 0 for bounds in p.all_bounds for name, x in bounds.items())
+
+    def limited(p: Posed, factor: float) -> Posed:
+        others = tuple((path, scaled(bounds, factor)) for path, bounds in p.others)
+        return p._replace(bounds=scaled(p.bounds, factor), others=others)
 
     def with_factor(factor: float) -> float:
-        return duration(own._replace(bounds=scaled(p.bounds, factor)))
+        return duration(limited(own, factor))
 
     found = factor_for(with_factor, wanted, p.tolerance) if scalable else (1.0, with_factor(1.0))
     if found is None or found[1] > wanted:
         return p, 1.0
     factor, taken = found
-    return p._replace(bounds=scaled(p.bounds, factor), slower=0.0 if keeps_ends else 1 - (taken / wanted) ** 2), factor
+    return limited(p, factor)._replace(slower=0.0 if keeps_ends else 1 - (taken / wanted) ** 2), factor
 
 
 def factor_for(duration: Callable[[float], float], wanted: float, tolerance: float) -> tuple[float, float] | None:

@@ -15,7 +15,7 @@ from qtraj.design.timing.by_speed import one_interval
 from qtraj.design.timing.constraints import NAMES
 from qtraj.design.timing.creeping import evenly
 from qtraj.design.timing.differentiated import with_derivatives
-from qtraj.design.timing.ends import Begun, begun
+from qtraj.design.timing.ends import Begun, begun, known_speeds
 from qtraj.design.timing.judged import judged
 from qtraj.design.timing.laps import require_lap, require_no_stops
 from qtraj.design.timing.outcome import Retimed
@@ -84,7 +84,8 @@ def retime(
     cells are small.
 
     `start_speed` and `end_speed` [m/s] are the speeds at both ends: zero for rest, or None to let the search choose the
-    speed. Inside jit, vmap and grad, a speed of zero must be a Python number, not an array. At an end at rest where the
+    speed. A speed within reach is met to 1e-9 of its value, and to 0.2 % where a limit allows no more; inside jit, vmap
+    and grad, it is only an upper bound, and zero must be a Python number, not an array. At an end at rest where the
     velocity of `path` itself is not zero, the acceleration jumps, so a limit on the jerk applies only between the ends.
 
     A vehicle may start faster than the limits allow, because of a limit at the start or of a bend ahead. If the
@@ -189,7 +190,8 @@ def retime(
     posed = Posed(path, source(constants(path)), bounds, road, names, lap, knots, tolerance)
     require_duration(duration := seconds(duration), is_traced(path, bounds, road, speeds))
     *found, gap, share, time, distance = _retimed(posed, parts, standing, speeds, duration)
-    more = {"gap": gap, "share": share, "braking_time": time, "braking_distance": distance}
+    more = {"gap": gap, "share": share, "wanted": known_speeds(speeds)}
+    more |= {"braking_time": time, "braking_distance": distance}
     more["bounds"] = table(bounds, names, found[0].timing.knots, lambda: speeds_at_ends(found[0]))
     retimed = Retimed(*found, vehicle=vehicle, of_shape=of_shape, combined=limits.combined_acceleration, **more)
     return retimed.check() if throw else retimed

@@ -19,6 +19,9 @@ from qtraj.foundation.namespace import namespace
 GAPS = (1e-5, 1e-8)
 """Relative optimality errors at the end of the first search and of all further searches."""
 
+LEAST_ERROR = 0.1
+"""With chosen cells, an optimality error of at most this fraction of the tolerance is small enough, also in a draft."""
+
 FINEST = 128
 """With more cells than this, the allowed error of the last search grows with the square of the number of cells, because
 rounding errors in the jerk prevent an optimality error of 1e-8."""
@@ -71,18 +74,25 @@ def shapes(program: Program, places: Parts) -> Result:
 
 
 def searched(
-    t: Tables, stops: Bool[Any, " 2"], start: Any, of_nodes: tuple[Any, ...], between: Parts, rounds: int = ROUNDS
+    t: Tables,
+    stops: Bool[Any, " 2"],
+    start: Any,
+    of_nodes: tuple[Any, ...],
+    between: Parts,
+    rounds: int = ROUNDS,
+    held: tuple[float | None, float | None] = (None, None),
 ) -> Result:
     """Repeat the search for a batch of problems until the limits are satisfied between the nodes, too.
 
     `start` are the first coefficients, or the result of the first search for one problem, or None. `of_nodes` contains
-    the fields of `Program` after the nodes. The batch axis of the arguments is the first axis.
+    the fields of `Program` after the nodes. The batch axis of the arguments is the first axis. `held` are the fixed
+    values of u̇² at the ends.
     """
     of_nodes, between = jax.tree.map(lambda x: np.ascontiguousarray(np.moveaxis(x, 0, -3)), (of_nodes, between))
     program, within = Program(t.nodes, *of_nodes), t.within
     cells, count = within.shape[-1], program.constraints.per_node
     with np.errstate(all="ignore"):  # a failed search ends with NaN
-        state = _first_iterate(program, start)
+        state = _first_iterate(program, start, held)
         size, begins = len(state.steps), int(isinstance(start, Result))
         factors = np.ones((count, size, cells))
         used, usage = factors.copy(), np.zeros((between.upper.shape[0] + count - 1, size, cells))
@@ -117,9 +127,12 @@ def searched(
     return Result(state.coefficients, slack, multiplier, *state[3:], used, usage, free)
 
 
-def _first_iterate(program: Program, start: Any) -> State:
+def _first_iterate(program: Program, start: Any, held: tuple[float | None, float | None]) -> State:
     if not isinstance(start, Result):
-        return begun(program, initial(program) if start is None else start[None])
+        coefficients = initial(program) if start is None else start[None]
+        for end, value in zip((0, -1), held, strict=True):
+            coefficients[:, end] = coefficients[:, end] if value is None else value
+        return begun(program, coefficients)
     slacks, multipliers = (np.array(x)[:, None] for x in (start.slacks, start.multipliers))
     own = (np.array(x)[None] for x in (start.coefficients, start.steps, start.error))
     coefficients, steps, error = own

@@ -44,7 +44,8 @@ class Problem(NamedTuple):
     """A part of a path from `start` to `end`, the given limits by name, and the bounds `ends` on a = u̇² at both ends.
 
     `vehicle` is None without limits on friction or power. `stops` indicates whether the velocity of the path is zero at
-    the start and at the end. `others` are the paths and the limits of further bodies with the same timing.
+    the start and at the end. `others` are the paths and the limits of further bodies with the same timing. `held` are
+    the values of a at the ends where it is prescribed, otherwise None; a traced problem has none.
     """
 
     path: AbstractHodograph
@@ -55,6 +56,7 @@ class Problem(NamedTuple):
     vehicle: RoadParameters | RoadOnPath | None = None
     stops: Any = np.zeros(2, bool)
     others: tuple[tuple[AbstractHodograph, dict[str, Any]], ...] = ()
+    held: tuple[float | None, float | None] = (None, None)
 
     @property
     def rows(self) -> tuple[str, ...]:
@@ -122,7 +124,7 @@ def drafted(problem: Problem, t: Tables, start: Float[np.ndarray, " cells+3"] | 
     """Compute the first search of `fastest` for a problem with concrete values."""
     with np.errstate(all="ignore"):  # a failed search ends with NaN
         program, places = _imposed(problem, t)
-        search = functools.partial(searched, t, problem.stops, start, rounds=1)
+        search = functools.partial(searched, t, problem.stops, start, rounds=1, held=problem.held)
         return Draft(problem, t, program, places, on_host(search, shapes(program, places), program[1:], places))
 
 
@@ -167,8 +169,8 @@ def _imposed(problem: Problem, t: Tables) -> tuple[Program, Parts]:
     ends = np.zeros((2, cells + 1), bool), np.zeros((2, cells + 1), bool)
     ends[0][0, 0] = ends[1][0, cells] = True
     upper = c.upper
-    for end, bound in zip(ends, problem.ends, strict=True):
-        upper = xp.where(end, xp.maximum(upper, 1 / bound), upper)
+    for end, bound, held in zip(ends, problem.ends, problem.held, strict=True):
+        upper = xp.where(end, xp.maximum(upper, 1 / bound), upper) if held is None else upper
     padding = ~t.nodes.basis.any(axis=(0, 1))  # these nodes do not exist
     forms, sides = (xp.where(xp.broadcast_to(padding, x.shape), 0.0, x) for x in (c.forms, c.sides))
     jerk = c.jerk

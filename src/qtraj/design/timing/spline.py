@@ -40,9 +40,9 @@ class Nodes(NamedTuple):
 
     `place` are the parameters of the nodes, `weight` the weights of the integral over all cells, and `basis` the
     matrices from the coefficients j to j + 3 to values and derivatives. The first two axes of `basis` are the order of
-    the derivative and the coefficient. `free` is 0 for the coefficient at an end at rest, because this coefficient must
-    be zero, and 1 for all others. `standing` is 1 for nodes at rest. `seam` is 1 for a lap, whose end is its start,
-    otherwise 0 (see `seam`); the coefficients that repeat others are not free.
+    the derivative and the coefficient. `free` is 0 for the coefficient at an end whose value is fixed, as at an end at
+    rest, where it is zero, and 1 for all others. `standing` is 1 for nodes at rest. `seam` is 1 for a lap, whose end is
+    its start, otherwise 0 (see `seam`); the coefficients that repeat others are not free.
     """
 
     place: Float[Any, "2 cells+1"]
@@ -111,10 +111,15 @@ def _extended(knots: Float[np.ndarray, " cells+1"], lap: bool) -> Float[np.ndarr
     return np.concatenate([knots[-1 - DEGREE : -1] - span, knots, knots[1 : 1 + DEGREE] + span])
 
 
-def nodes(knots: Float[Any, " cells+1"], rest: tuple[bool, bool], lap: bool = False) -> Nodes:
+def nodes(
+    knots: Float[Any, " cells+1"],
+    rest: tuple[bool, bool],
+    lap: bool = False,
+    held: tuple[bool, bool] = (False, False),
+) -> Nodes:
     """Return the nodes; `rest` indicates whether the spline is zero at the start and at the end.
 
-    The spline of a `lap` is periodic.
+    The spline of a `lap` is periodic. `held` indicates at which ends another value of the spline is fixed.
     """
     length, cells = np.diff(knots), knots.size - 1
     inner, at_knots, inside, ends = np.full(cells, 0.5), np.zeros(cells + 1), np.full(cells, 4.0), np.ones((2, cells))
@@ -133,7 +138,7 @@ def nodes(knots: Float[Any, " cells+1"], rest: tuple[bool, bool], lap: bool = Fa
     first = empty[1:-1] & ~empty[:-2]
     at_each[..., 1:-1] = np.where(first, last[..., :-1], at_each[..., 1:-1])
     free, standing = np.ones(cells + DEGREE), np.zeros((2, cells + 1))
-    free[0], free[-1] = 1.0 - rest[0], 1.0 - rest[1]
+    free[0], free[-1] = (1.0 - (is_at_rest or fixed) for is_at_rest, fixed in zip(rest, held, strict=True))
     free[-DEGREE:] *= not lap
     standing[:] = empty
     standing[0, 1:-1][first] = 0.0

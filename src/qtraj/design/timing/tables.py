@@ -32,21 +32,26 @@ class Tables(NamedTuple):
 
 
 def tables(
-    grid: Grid, rest: tuple[bool, bool], lap: bool = False, smooth: Int[np.ndarray, " cells-1"] | None = None
+    grid: Grid,
+    rest: tuple[bool, bool],
+    lap: bool = False,
+    smooth: Int[np.ndarray, " cells-1"] | None = None,
+    held: tuple[bool, bool] = (False, False),
 ) -> Tables:
     """Return the tables of a grid.
 
-    `rest` indicates whether the vehicle is at rest at the start and at the end, and `lap` whether the end of the path
-    is its start. `smooth` is the order of the derivatives that are continuous at the knots between cells, by default 2.
+    `rest` indicates whether the vehicle is at rest at the start and at the end, `held` at which ends u̇² has another
+    fixed value, and `lap` whether the end of the path is its start. `smooth` is the order of the derivatives that are
+    continuous at the knots between cells, by default 2.
     """
     orders = [DEGREE - 1] * (grid.cells - 1) if smooth is None else smooth.tolist()
-    return _tables(tuple(tuple(x.tolist()) for x in grid), rest, lap, tuple(orders))
+    return _tables(tuple(tuple(x.tolist()) for x in grid), rest, lap, tuple(orders), held)
 
 
 @functools.lru_cache(maxsize=4)
-def _tables(fields: tuple[tuple[float, ...], ...], rest: tuple[bool, bool], lap: bool, orders: Any) -> Tables:
+def _tables(fields: Any, rest: tuple[bool, bool], lap: bool, orders: Any, held: tuple[bool, bool]) -> Tables:
     filled, grid = _with_empty_cells(Grid(*(np.array(x) for x in fields)), DEGREE - np.array([*orders, DEGREE - 1]))
-    knots, own, length = grid.knots, nodes(grid.knots, rest, lap), np.diff(grid.knots)
+    knots, own, length = grid.knots, nodes(grid.knots, rest, lap, held), np.diff(grid.knots)
     columns = np.append(np.arange(length.size), length.size - 1)
     cell = np.concatenate([columns, columns, np.tile(np.arange(length.size), CHECKED)])
     span = np.where(length > 0, length, 1.0)[columns]

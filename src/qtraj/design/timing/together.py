@@ -15,13 +15,16 @@ from qtraj.design.proof.certify import certify
 from qtraj.design.timing.adaptive import on_chosen_cells
 from qtraj.design.timing.bodies import rows_of_body
 from qtraj.design.timing.constraints import POWERS
-from qtraj.design.timing.ends import begun
+from qtraj.design.timing.ends import begun, known_speeds
+from qtraj.design.timing.held import Solved, with_ends
 from qtraj.design.timing.laps import require_lap
 from qtraj.design.timing.outcome import Retimed
 from qtraj.design.timing.part_search import Posed, Searched, searched
 from qtraj.design.timing.part_timing import SLOWER, fixed
 from qtraj.design.timing.parts import Part, known_zero
+from qtraj.design.timing.prescribed import gentlest, ratios
 from qtraj.design.timing.requirements import (
+    require_duration,
     require_knots,
     require_known_along,
     require_one_path,
@@ -35,6 +38,7 @@ from qtraj.design.timing.together_input import in_step, limits_of_each, require_
 from qtraj.foundation.arrays import is_traced
 from qtraj.foundation.namespace import in_float64
 from qtraj.foundation.outcome import ResultCode
+from qtraj.foundation.seconds import seconds
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.route import Route
 
@@ -47,6 +51,7 @@ def retime_together(
     knots: int | None = None,
     *,
     tolerance: float = 1e-3,
+    duration: float | None = None,
     periodic: bool = False,
     throw: bool = False,
 ) -> tuple[Retimed, ...]:
@@ -71,6 +76,8 @@ def retime_together(
         knots: The number of cells, a power of two from 16 to 16384; by default, the cells are chosen. For traced
             arguments, 512 is the default.
         tolerance: The largest estimated relative distance of the duration from the minimum.
+        duration: The duration [s], not shorter than the minimum; by default, the minimum. All bodies then accelerate as
+            gently as possible: their limits are multiplied by `share` of the results, as in `retime`.
         periodic: Whether each end is its start, and the timing is repeated (a flying lap).
         throw: Whether a failure raises a RuntimeError.
 
@@ -116,29 +123,53 @@ def retime_together(
     knots = None if knots is None else require_knots(knots)
     others = tuple(zip(bodies[1:], bounds[1:], strict=True))
     posed = Posed(bodies[0], None, bounds[0], None, names[0], bool(periodic), knots, tolerance, others=others)
-    timed = _timed(posed, part, bodies, each, speeds)
+    require_duration(duration := seconds(duration), is_traced(bodies, bounds, speeds))
+    timed = _timed(posed, part, (bodies, each), speeds, duration)
     for own in timed if throw else ():
         own.check()
     return timed
 
 
 def _timed(
-    p: Posed, part: Part, bodies: list[Route], limits: list[Limits], speeds: tuple[Any, ...]
+    p: Posed,
+    part: Part,
+    of_bodies: tuple[list[Route], list[Limits]],
+    speeds: tuple[Any, ...],
+    duration: float | None,
 ) -> tuple[Retimed, ...]:
-    """Return the results of all bodies."""
+    """Return the results of all bodies, from their routes and limits."""
+    bodies, _ = of_bodies
     traced, standing = is_traced(p.path, p.others, p.bounds, speeds), np.array(part.stops)
     xp: Any = jnp if traced else np
     wanted: Any = tuple(np.asarray(np.inf) if v is None else v for v in speeds)
     begins = [begun(path, wanted, standing) for path in bodies]
     rest = (known_zero(speeds[0]) and not standing[0], known_zero(speeds[1]) and not standing[1])
     at_ends = begins[0].largest[(True, True)]
-    if p.knots is not None or traced:
-        x, excess = searched(p, part, fixed(p, part), at_ends, rest), np.nan
-    else:
-        x, excess = on_chosen_cells(p, part, at_ends, rest)
-    timing, certificates, slower = _proved(x, bodies, limits, traced)
+    grid = fixed(p, part) if p.knots is not None or traced else None
+
+    def found(p: Posed) -> tuple[Searched, Any]:
+        if grid is not None:
+            return searched(p, part, grid, at_ends, rest), np.nan
+        return on_chosen_cells(p, part, at_ends, rest)
+
+    def time_of(p: Posed) -> float:
+        def solved(p: Posed) -> Solved:
+            x, _ = found(p)
+            return Solved(float(x.times().sum()), x.powers, x.found.error < x.enough)
+
+        return with_ends(p, part, (at_ends, rest), grid, solved)
+
+    def solved(p: Posed) -> Solved:
+        x, excess = found(p)
+        proved = _proved(x, of_bodies, p.slower, traced)
+        return Solved((x, excess, *proved), proved[0].coefficients, x.found.error < x.enough)
+
+    given, share = p, np.nan
+    if duration is not None:
+        given, share = gentlest(p, duration, any(v is not None and float(v) > 0 for v in speeds), time_of)
+    x, excess, timing, certificates, slower = with_ends(given, part, (at_ends, rest), grid, solved)
     time = timing.duration if xp is np else stop_gradient(timing.duration) + x.found.sensitivity
-    gap = np.asarray(excess) / time + 1 - (1 - slower) ** 0.5
+    gap = np.asarray(excess) / time + 1 - (1 - slower) ** 0.5 if duration is None else np.asarray(np.nan)
     usage = [row * (1 - MARGIN) * (1 - slower) ** POWERS[name] for row, name in zip(x.found.usage, p.rows, strict=True)]
     squares = xp.stack([timing.coefficients[0, 0], xp.sum(timing.coefficients[-1])])
     squares = xp.where(np.array(rest), 0.0, squares)
@@ -149,28 +180,39 @@ def _timed(
         ends = rates * begin.pace, begin.wanted if k == 0 else goal
         code = result_code(xp, own.code, converged, ends, (timing.coefficients, time))
         if not traced and code == ResultCode.successful:
-            code = accuracy_code(float(time), None, float(gap), p.tolerance)
+            code = accuracy_code(float(time), duration, float(gap), p.tolerance)
         rows = xp.stack([usage[row] for row in rows_of_body(p.all_bounds, k, own.names)])
+        rows = rows if duration is None else rows * ratios(own.names, p.all_bounds[k], share)[:, None]
         result = RetimedPath(path, timing), time, own, rows, ends[0], code, x.found.steps
-        results.append(Retimed(*result, gap=gap))
+        results.append(Retimed(*result, gap=gap, share=share, wanted=known_speeds(speeds if k == 0 else (None, None))))
     return tuple(results)
 
 
 def _proved(
-    x: Searched, bodies: list[Route], limits: list[Limits], traced: bool
+    x: Searched, of_bodies: tuple[list[Route], list[Limits]], reduced: float, traced: bool
 ) -> tuple[Timing, list[Certificate], float]:
     """Return the timing with the certificates of all bodies, and the fraction by which u̇² is reduced.
 
-    In sharp bends, rounding errors may exceed the margin of the search; then the timing is slowed down until the limits
-    are proved.
+    `reduced` is the fraction for a prescribed duration. In sharp bends, rounding errors may exceed the margin of the
+    search; then the timing is slowed down until the limits are proved. The bodies that failed are certified first.
     """
-    found = []
-    for slower in (0.0, *SLOWER):
-        timing = Timing((1 - slower) * x.found.powers, x.knots, x.rest)
-        own = [certify(RetimedPath(path, timing), bound) for path, bound in zip(bodies, limits, strict=True)]
-        found.append((timing, own, slower))
-        if traced or all(certificate.holds for certificate in own):
-            return found[-1]
-        if not float(np.max(x.found.usage)) <= 1 + SLOWER[-1]:  # a larger violation remains
-            break
-    return found[0]
+    bodies = list(zip(*of_bodies, strict=True))
+
+    def timing(slower: float) -> Timing:
+        return Timing((1 - slower) * x.found.powers, x.knots, x.rest)
+
+    whole = timing(reduced)
+    first = whole, [certify(RetimedPath(path, whole), own) for path, own in bodies], reduced
+    if traced or not float(np.max(x.found.usage)) <= 1 + SLOWER[-1]:  # a larger violation remains
+        return first
+    failed = {k for k, certificate in enumerate(first[1]) if not certificate.holds}
+    for more in SLOWER if failed else ():
+        slower, found = 1 - (1 - reduced) * (1 - more), dict[int, Certificate]()
+        for k in sorted(range(len(bodies)), key=lambda k: k not in failed):
+            found[k] = certify(RetimedPath(bodies[k][0], timing(slower)), bodies[k][1])
+            if not found[k].holds:
+                failed.add(k)
+                break
+        else:
+            return timing(slower), [found[k] for k in range(len(bodies))], slower
+    return first
