@@ -173,7 +173,7 @@ def _halved(b: np.ndarray, e: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     terms, count = b.shape
     # `SLACK` covers the rounding of the bounds.
     rounding = np.abs(b).max(axis=0) * (SLACK * UNIT * terms)
-    return tuple(_divided(x, terms, count) + y for x, y in ((b, 0.0), (e, np.concatenate([rounding, rounding]))))
+    return _divided(b, terms, count), _divided(e, terms, count) + np.concatenate([rounding, rounding])
 
 
 def _divided(row: np.ndarray, terms: int, count: int) -> np.ndarray:

@@ -40,9 +40,10 @@ class QP(NamedTuple):
 
 
 class _Program(NamedTuple):
-    """A batch of programs in the variables x = (d, t), with the row 1/2 xᵀHx + gᵀx and the inequalities
+    """A batch of programs in x = (d, t): minimise ½xᵀHx + gᵀx subject to A·x + c ≤ 0, d ≤ high and x ≥ low.
 
-    normals·x + values ≤ 0,   d ≤ high,   x ≥ low.
+    `normals` are the rows of A, and `values` is c. The inequalities are in this order: constraints, upper and lower
+    bounds.
     """
 
     hessian: Float[np.ndarray, "n+1 n+1 batch"]
