@@ -6,11 +6,9 @@ the largest violation is continuous when peaks appear or vanish. With weight 0, 
 
 Each step solves a convex quadratic program (QP) in the step d and the allowed violation t, within a trust radius. The
 Hessian of the QP is the exact Hessian of the Lagrangian, including the motion of the peaks. If this Hessian is not
-positive definite, squares of the active constraints are added, and finally negative eigenvalues change sign. A step is
-compared with the larger of the merit functions at the current and at the previous point, because a step along a curved
-constraint often increases the merit function and the next one reduces it. If a step reduces it by less than a tenth of
-the predicted decrease, a second QP corrects it with the constraint values after the step. If this fails, too, the trust
-radius is reduced. Finished searches make room for others.
+positive definite, squares of the active constraints are added, and finally negative eigenvalues change sign. If a step
+reduces the merit function by less than a tenth of the predicted decrease, a second QP corrects it with the constraint
+values after the step. If this fails, too, the trust radius is reduced. Finished searches make room for others.
 """
 
 from typing import NamedTuple
@@ -173,8 +171,6 @@ def _first(searches: Searches, z: np.ndarray, cost: np.ndarray, largest: np.ndar
         steps=np.zeros(count, int),
         done=no.copy(),
         stationary=no.copy(),
-        past_cost=np.array(cost),
-        past_largest=largest.copy(),
     )
 
 
@@ -226,9 +222,7 @@ def _try(searches: Searches, s: State, step: Step) -> _Trial:
     converged = (step.predicted_decrease <= rounding) & (step.residual < STATIONARY)
     # A constant in a user's objective rounds its values but not its derivatives, which then decide.
     error = rounding + searches.problem.noise
-    good = gained >= GOOD_RATIO * step.predicted_decrease - error
-    past = _merit(searches, s.penalty, s.past_cost, s.past_largest)
-    enough = np.maximum(before, past) - after >= MIN_RATIO * step.predicted_decrease - error
+    enough, good = (gained >= part * step.predicted_decrease - error for part in (MIN_RATIO, GOOD_RATIO))
     accepted = enough & ((step.predicted_decrease > rounding) | converged)
     return _Trial(step, z, cost, largest, peaks, accepted, good, converged)
 
@@ -258,22 +252,7 @@ def _next(searches: Searches, s: State, trial: _Trial) -> State:
     enough = (searches.weight == 0) & (largest <= ENOUGH)
     done = stationary | enough | ~(radius >= MIN_RADIUS)  # NaN also ends the search
     size = np.where(accepted, size, s.size)
-    return State(
-        z=z,
-        cost=cost,
-        largest=largest,
-        radius=radius,
-        penalty=penalty,
-        size=size,
-        rejected=~accepted,
-        floor=floor,
-        lowered=lowered,
-        steps=s.steps + 1,
-        done=done,
-        stationary=stationary,
-        past_cost=np.where(accepted, s.cost, s.past_cost),
-        past_largest=np.where(accepted, s.largest, s.past_largest),
-    )
+    return State(z, cost, largest, radius, penalty, size, ~accepted, floor, lowered, s.steps + 1, done, stationary)
 
 
 def _penalty(

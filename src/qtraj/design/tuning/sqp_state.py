@@ -22,8 +22,6 @@ class State:
     steps: Int[np.ndarray, " batch"]
     done: Bool[np.ndarray, " batch"]
     stationary: Bool[np.ndarray, " batch"]  # done at a stationary point
-    past_cost: Float[np.ndarray, " batch"]  # before the last accepted step
-    past_largest: Float[np.ndarray, " batch"]
 
     @property
     def fields(self) -> list[np.ndarray]:

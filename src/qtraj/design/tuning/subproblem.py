@@ -29,7 +29,7 @@ FLOOR = 1e-5
 """The smallest eigenvalue of a Hessian that remains indefinite with all squares, relative to its largest entry; there
 negative eigenvalues change sign, because a step is then long along small negative eigenvalues only."""
 
-COARSE, FINE = 1e-10, 1e-13
+COARSE, FINE = 1e-7, 1e-13
 """Tolerances of a QP for the first steps and for the last steps of a search."""
 
 SAME = 0.1
