@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from qtraj.design.tuning.searches import Curves
+from qtraj.design.tuning.searches import Curves, Samples
 from qtraj.path.quantity import quantity
 
 NODES = 65
@@ -65,21 +65,20 @@ def highest(
     return Candidates(owner, times[low, owner], times[node, owner], times[high, owner])
 
 
-def sharp(name: str, curves: Curves, count: int) -> Candidates:
-    """Return candidates near the minimum of the quantity's divisor, if this minimum is small."""
+def sharp(name: str, curves: Curves, nodes: Samples, count: int) -> Candidates:
+    """Return candidates near the minimum of the quantity's divisor, if this minimum, at the grid nodes, is small."""
     none = np.zeros(0)
     divisor = quantity(name).divisor
     if divisor is None:
         return Candidates(np.zeros(0, int), none, none, none)
-    key = "N" if divisor == "cross_norm" else "S"
-    values = np.broadcast_to(curves.divisors(GRID[:, None])[key], (NODES, count))
+    values = np.broadcast_to(nodes.divisor(divisor), (NODES, count))
     owner = np.flatnonzero(values.min(axis=0) < SHARP * values.max(axis=0))
     node = values[:, owner].argmin(axis=0)
     low, middle, high = GRID[np.maximum(node - 1, 0)], GRID[node], GRID[np.minimum(node + 1, NODES - 1)]
-    own = curves.at(owner)
+    own, order = curves.at(owner), quantity(name).order
     for _ in range(3 if owner.size else 0):
         u = instants(low, middle, high, OFFSETS)
-        depth = -np.log(np.maximum(own.divisors(u)[key], 1e-300))
+        depth = -np.log(np.maximum(own.samples(u, order).divisor(divisor), 1e-300))
         low, middle, high = parabola(u, depth, depth.argmax(axis=0))
     return Candidates(owner, np.maximum(middle - 0.02, 0.0), middle, np.minimum(middle + 0.02, 1.0))
 

@@ -24,6 +24,9 @@ LOOSE = -0.7
 The logarithm would overestimate the change of a quantity near zero. The constraint of an obstacle is no logarithm.
 """
 
+TOGETHER = 64
+"""Up to this number of points, all have Hessians at first, which costs less than a second call without them."""
+
 CLOSE = 0.02
 """A constraint at a fixed time has a Hessian if its value is at most this much below the largest constraint value."""
 
@@ -63,22 +66,15 @@ def build(searches: Searches, z: Float[np.ndarray, "n batch"], peaks: Peaks) -> 
     top = np.full(count, ABSENT)
     np.maximum.at(top, peaks.owner, peaks.value)
     bends = ~peaks.fixed | (peaks.value > top[peaks.owner] - CLOSE)
-    for k, name in enumerate(searches.limits):
-        own = np.flatnonzero((peaks.limit == k) & bends)
-        if own.size:
-            at = peaks.owner[own], peaks.time[own], peaks.value[own], peaks.fixed[own]
-            owner, rank = peaks.owner[own], peaks.rank[own]
-            g, gradient, hessian = _expanded(curves, name, *at)
-            if not searches.is_clearance[k]:
-                g, gradient, hessian = _loosened(g, gradient, hessian)
-            value[rank, owner], slopes[rank, :, owner] = g, gradient.T
-            curvatures[rank, :, :, owner] = np.moveaxis(hessian, 2, 0)
-        own = np.flatnonzero((peaks.limit == k) & ~bends)
-        if own.size:
-            owner, rank = peaks.owner[own], peaks.rank[own]
-            gradient = curves.expand(name, owner, peaks.time[own], second=False).gradient
-            value[rank, owner] = peaks.value[own]
-            slopes[rank, :, owner] = np.where(np.isfinite(gradient).all(axis=0), gradient, 0.0).T
+    for k in range(len(searches.limits)):
+        all_own = np.flatnonzero(peaks.limit == k)
+        bent = bends[all_own]
+        for own in [all_own] if all_own.size <= TOGETHER else [all_own[bent], all_own[~bent]]:
+            if own.size:
+                owner, rank = peaks.owner[own], peaks.rank[own]
+                g, gradient, hessian = _rows(searches, curves, k, Peaks(*(x[own] for x in peaks)), bends[own])
+                value[rank, owner], slopes[rank, :, owner] = g, gradient.T
+                curvatures[rank, :, :, owner] = np.moveaxis(hessian, 2, 0)
     for k, zone in enumerate(searches.zones, len(searches.limits)):
         own = np.flatnonzero(peaks.limit == k)
         if own.size:
@@ -113,6 +109,21 @@ def objective_values(problem: Problem, z: Any) -> Any:
     return problem.objective.value(problem, z) if problem.objective.is_formula else custom.values(problem, z)
 
 
+def _rows(
+    searches: Searches, curves: CurveJets, k: int, peaks: Peaks, bends: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the constraints of peaks of limit `k` with gradients and, where `bends` is true, Hessians in z."""
+    name = tuple(searches.limits)[k]
+    if bends.any():
+        g, gradient, hessian = _expanded(curves, name, peaks.owner, peaks.time, peaks.value, peaks.fixed)
+        if not searches.is_clearance[k]:
+            g, gradient, hessian = _loosened(g, gradient, hessian, bends)
+        return g, gradient, np.where(bends, hessian, 0.0)
+    gradient = curves.expand(name, peaks.owner, peaks.time, second=False).gradient
+    gradient = np.where(np.isfinite(gradient).all(axis=0), gradient, 0.0)
+    return peaks.value, gradient, np.zeros((curves.n, curves.n, peaks.value.size))
+
+
 def _expanded(
     curves: CurveJets, name: str, owner: np.ndarray, time: np.ndarray, value: np.ndarray, fixed: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -129,14 +140,15 @@ def _expanded(
 
 
 def _loosened(
-    value: np.ndarray, gradient: np.ndarray, hessian: np.ndarray
+    value: np.ndarray, gradient: np.ndarray, hessian: np.ndarray, chosen: Any = True
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return constraint values with gradients and Hessians, expressed by squares where they are `LOOSE`."""
-    square = np.where(value < LOOSE, np.exp(2 * value), 1.0)
-    hessian = square * hessian + (2 * (square < 1) * square) * (gradient[:, None] * gradient)
+    """Return constraint values with gradients and Hessians, expressed by squares where they are chosen and `LOOSE`."""
+    loose = (value < LOOSE) & chosen
+    square = np.where(loose, np.exp(2 * value), 1.0)
+    hessian = square * hessian + (2 * loose * square) * (gradient[:, None] * gradient)
     gradient = square * gradient
     good = np.isfinite(gradient).all(axis=0) & np.isfinite(hessian).all(axis=(0, 1)) & (value < -ABSENT / 2)
-    value = np.where(value < LOOSE, 0.5 * (square - 1), value)
+    value = np.where(loose, 0.5 * (square - 1), value)
     return value, np.where(good, gradient, 0.0), np.where(good, hessian, 0.0)
 
 

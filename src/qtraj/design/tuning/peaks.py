@@ -56,7 +56,8 @@ class Peaks(NamedTuple):
 def find_peaks(searches: Searches, curves: Curves) -> tuple[Peaks, Float[np.ndarray, " batch"]]:
     """Return the relevant peaks of a batch of searches, and the largest constraint value of each search."""
     names, order, clear = tuple(searches.limits), searches.order, searches.is_clearance
-    rows = [np.broadcast_to(g, (NODES, searches.count)) for g in curves.values(names, GRID[:, None], order)]
+    nodes = curves.samples(GRID[:, None], order)
+    rows = [np.broadcast_to(nodes.value(name), (NODES, searches.count)) for name in names]
     largest = np.full(searches.count, ABSENT)
     for g in rows:
         largest = np.maximum(largest, g.max(axis=0))
@@ -64,7 +65,7 @@ def find_peaks(searches: Searches, curves: Curves) -> tuple[Peaks, Float[np.ndar
     for k, (name, g) in enumerate(zip(names, rows, strict=True)):
         # A small obstacle may be between two nodes, and the peak at a corner of walls is narrow.
         least, rounds = (-np.inf, CORNER if searches.by_walls(name) else 1) if clear[k] else (RELEVANT, 1)
-        places = (highest(g, GRID, least), OFFSETS), (sharp(name, curves, searches.count), NARROW)
+        places = (highest(g, GRID, least), OFFSETS), (sharp(name, curves, nodes, searches.count), NARROW)
         tops = [
             (candidates.owner, *refined(name, curves.at(candidates.owner), candidates, offsets, rounds))
             for candidates, offsets in places

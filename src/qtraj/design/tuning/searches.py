@@ -3,19 +3,20 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 from jaxtyping import Float, Int
 
-from qtraj.algebra.jets import Jet, sqrt, variables
+from qtraj.algebra.jets import Jet, coordinates, sqrt
 from qtraj.algebra.polynomial import taylor_terms
 from qtraj.design.tuning import constraints
 from qtraj.design.tuning.constraints import Place, Units
 from qtraj.design.tuning.problem import Formulas, Problem, plain
 from qtraj.design.tuning.zones import Zone
 from qtraj.path.clearance_quantity import names_obstacle
+from qtraj.path.frenet import Invariants
 
 Batch = Float[np.ndarray, " batch"]
 Points = Float[np.ndarray, "*batch points"]
@@ -116,16 +117,15 @@ class Curves:
         i = constraints.invariants(constraints.place(self.cubics, u, 1), self.units._replace(road=None))
         return np.sqrt(i.S) * self.units.length
 
+    def samples(self, u: Points, order: int) -> "Samples":
+        """Return what formulas of up to an order of derivatives need at the instants `u`."""
+        at = constraints.place(self.cubics, u, order)
+        return Samples(self.units, u, at, constraints.invariants(at, self.units))
+
     def values(self, names: Sequence[str], u: Points, order: int) -> list[Points]:
         """Return the constraint values of some limits at the instants `u`."""
-        at = constraints.place(self.cubics, u, order)
-        i = constraints.invariants(at, self.units)
-        return [constraints.value(name, at, i, self.units, u) for name in names]
-
-    def divisors(self, u: Points) -> dict[str, Points]:
-        """Return the squared speed S and the squared norm N of r'×r'', the divisors of path quantities."""
-        i = constraints.invariants(constraints.place(self.cubics, u, 2), self.units)
-        return {"S": i.S, "N": i.N}
+        samples = self.samples(u, order)
+        return [samples.value(name) for name in names]
 
     def along_u(self, name: str, u: Points, order: int) -> tuple[Points, Points, Points]:
         """Return a constraint value and its first and second derivatives with respect to u."""
@@ -139,12 +139,29 @@ class Curves:
         return g.value, g.gradient[0], g.hessian[0, 0]
 
 
+class Samples(NamedTuple):
+    """The Taylor coefficients and the invariants of a batch of paths at the instants `u`."""
+
+    units: Units
+    u: Points
+    at: Place
+    invariants: Invariants
+
+    def value(self, name: str) -> Points:
+        """Return the constraint values of a limit."""
+        return constraints.value(name, self.at, self.invariants, self.units, self.u)
+
+    def divisor(self, name: str) -> Points:
+        """Return the squared speed S or, if the name is "cross_norm", the squared norm N of r'×r''."""
+        return self.invariants.N if name == "cross_norm" else self.invariants.S
+
+
 class CurveJets:
     """The paths of a batch of searches with their derivatives with respect to the variables."""
 
     def __init__(self, searches: Searches, z: Float[np.ndarray, "n batch"]):
         self.n = z.shape[0]
-        self.cubics = searches.formulas.cubics(variables(z))
+        self.cubics = searches.formulas.cubics(coordinates(z))
         self.units = searches.units(z)
         self.fixed_duration = searches.problem.objective.fixes_duration
 
@@ -182,7 +199,11 @@ def _unit(k: int, size: int, count: int) -> np.ndarray:
 
 
 def _gathered(c: Any, owner: np.ndarray) -> Any:
-    return Jet(c.value[owner], c.gradient[:, owner], c.hessian[:, :, owner]) if isinstance(c, Jet) else c[owner]
+    """Return a number or jet of each of the searches; derivatives that are the same for all of them remain so."""
+    if not isinstance(c, Jet):
+        return c[owner]
+    gradient = c.gradient if c.gradient.shape[-1] == 1 else c.gradient[:, owner]
+    return Jet(c.value[owner], gradient, c.hessian if isinstance(c.hessian, int) else c.hessian[:, :, owner])
 
 
 def _in_variables(cubic: Sequence[Any], u: Points, order: int, n: int) -> list[Any]:
