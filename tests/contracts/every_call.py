@@ -365,6 +365,7 @@ OTHERS = {
         ("load", "load_dataset", "read_road", "read_shape", "read_track", "save_dataset", "label", "storable"),
         "of files and datasets",
     ),
+    "in_blocks": "of functions: tests/foundation/test_in_blocks.py",
     **dict.fromkeys(("sweep", "Swept", "Swept.parameters"), "of functions and stores: tests/sweeps"),
     **dict.fromkeys(
         (f"sweeps.{name}" for name in ("evaluate", "certify", "tune", "tune_route", "retime", "simulate")),
