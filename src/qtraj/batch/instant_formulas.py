@@ -127,7 +127,8 @@ class _Recorder:
 
     def run(self, jaxpr: Any, consts: Sequence[Any], arguments: Sequence[Any]) -> list[Any]:
         values = dict(zip([*jaxpr.constvars, *jaxpr.invars], [*consts, *arguments], strict=True))
-        read = lambda x: np.asarray(x.val, x.aval.dtype) if isinstance(x, Literal) else values[x]  # noqa: E731
+        number: Any = lambda x: np.asarray(x.val, x.aval.dtype)  # noqa: E731
+        read = lambda x: number(x) if isinstance(x, Literal) else values[x]  # noqa: E731
         for equation in jaxpr.eqns:
             found = self._evaluated(equation, [read(x) for x in equation.invars])
             values.update(zip(equation.outvars, found, strict=True))
