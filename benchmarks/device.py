@@ -27,9 +27,11 @@ import numpy as np
 import optax
 
 import qtraj as qt
+from qtraj.batch.kernel_choice import VARIABLE
 
 from .accuracy.tables import put
 from .evaluation.reference import ANGLE, DURATION, HEIGHT, RADIUS
+from .loops import with_diffrax, with_qtraj
 from .race import race
 from .races.bandwidth import CHANNELS, copy_rate
 from .races.evaluation import helix
@@ -76,27 +78,40 @@ def timed(call: Any, rounds: int) -> tuple[list[float], float]:
     return race({"": call}, rounds, warm=False)[""], first
 
 
-def evaluation(kind: str, count: int, instants: int, reduce: str | None, rounds: int) -> Found:
-    """Evaluate the default outputs for one path or many, and compare a part of them with NumPy."""
+def evaluation(kind: str, count: int, instants: int, reduce: str | None, rounds: int, kernel: str = "off") -> Found:
+    """Evaluate the default outputs for one path or many, and compare a part of them with NumPy.
+
+    `kernel` chooses XLA, the fused kernel, or its slow interpreter.
+    """
+    os.environ[VARIABLE] = kernel
+    try:
+        return _evaluation(kind, count, instants, reduce, rounds)
+    finally:
+        del os.environ[VARIABLE]
+
+
+def _evaluation(kind: str, count: int, instants: int, reduce: str | None, rounds: int) -> Found:
     path = helix(kind) if count == 1 else many(count, kind)
     times = jnp.linspace(0.0, DURATION, instants, dtype=kind)
     call = lambda: qt.evaluate(path, times, reduce=reduce).values  # noqa: E731
     spent, first = timed(call, rounds)
+    table = call()
     size = np.dtype(kind).itemsize
     bound = 1e-11 if kind == "float64" else 2e-4
     chosen = on_host(path if count == 1 else jax.tree.map(lambda x: x[count // 2], path))
+    os.environ[VARIABLE] = "off"  # the reference
     if reduce is None:
         every = max(1, instants // CHECKED)
-        rows = jax.tree.map(lambda x: x if count == 1 else x[count // 2], call())
+        rows = jax.tree.map(lambda x: x if count == 1 else x[count // 2], table)
         found = {name: np.asarray(x)[::every] for name, x in rows.items()}
         expected = qt.evaluate(chosen, np.asarray(times, np.float64)[::every]).values
         moved = (CHANNELS * count * instants + instants) * size
     else:
-        found = {name: np.asarray(x) for name, x in call().items()}
+        found = {name: np.asarray(x) for name, x in table.items()}
         found = found if count == 1 else {name: x[count // 2] for name, x in found.items()}
         step = max(1, instants // 60_000)
-        table = qt.evaluate(chosen, np.asarray(times, np.float64)[::step]).values
-        expected = {name: np.max(np.asarray(x), axis=0) for name, x in table.items()}
+        samples = qt.evaluate(chosen, np.asarray(times, np.float64)[::step]).values
+        expected = {name: np.max(np.asarray(x), axis=0) for name, x in samples.items()}
         bound = max(bound, 3e-3)  # the reference has fewer instants, and a quaternion may change its sign
         found.pop("quaternion"), expected.pop("quaternion")
         moved = None
@@ -188,6 +203,20 @@ def loops(count: int, rounds: int) -> Found:
     return Found(spent, difference(call(signs)[:: max(1, count // 4)], expected), 1e-7, None, first)
 
 
+def stiff_loops(count: int, how: str, rounds: int) -> Found:
+    """Simulate loops of very different stiffness, and compare a few with the CPU; see `benchmarks.loops`."""
+    rng = np.random.default_rng(7)
+    gains, errors = 10 ** rng.uniform(0, 2, count), rng.uniform(-0.3, 0.3, count)
+    mapped = jax.jit(jax.vmap(with_diffrax if how == "diffrax" else with_qtraj))
+    in_blocks = partial(qt.in_blocks, with_qtraj, gains, errors, cost=gains)
+    call = in_blocks if how == "in_blocks" else lambda: mapped(jnp.asarray(gains), jnp.asarray(errors))
+    spent, first = timed(call, rounds)
+    every = max(1, count // 4)
+    with jax.default_device(jax.local_devices(backend="cpu")[0]):
+        expected = jax.jit(jax.vmap(with_qtraj))(gains[::every], errors[::every])
+    return Found(spent, difference(np.asarray(call())[::every], expected), 1e-7, None, first)
+
+
 def tunings(count: int, method: Any, rounds: int) -> Found:
     """Tune many paths, and compare a few of them with their tuning alone."""
     k = jnp.linspace(0.0, 1.0, count)
@@ -216,6 +245,11 @@ def tasks(quick: bool, on_cpu: bool) -> dict[str, Any]:
         rows[batch] = partial(evaluation, kind, paths, 1000, None, rounds)
         rows[f'{one}, reduce="max"'] = partial(evaluation, kind, 1, instants, "max", rounds)
         rows[f'{batch}, reduce="max"'] = partial(evaluation, kind, paths, 1000, "max", rounds)
+        for choice in ["interpret"] * (quick and kind == "float64") if on_cpu else ["on"]:
+            rows[f"{one}, kernel"] = partial(evaluation, kind, 1, instants, None, rounds, choice)
+            rows[f"{batch}, kernel"] = partial(evaluation, kind, paths, 1000, None, rounds, choice)
+            rows[f'{one}, reduce="max", kernel'] = partial(evaluation, kind, 1, instants, "max", rounds, choice)
+            rows[f'{batch}, reduce="max", kernel'] = partial(evaluation, kind, paths, 1000, "max", rounds, choice)
     few, bodies = instants // 10, max(10, 10_000 // less)
     rows[f"jit(vmap(trihedral)), {few}"] = partial(trihedra, few, rounds)
     rows[f"a loss over {few} instants"] = partial(loss, few, False, rounds)
@@ -223,6 +257,9 @@ def tasks(quick: bool, on_cpu: bool) -> dict[str, Any]:
     rows[f"certify, {bodies} paths × 2 limits (on the CPU)"] = partial(proofs, bodies, 2)
     rows[f"propagate, {bodies} bodies × 5 s"] = partial(propagation, bodies, 2)
     rows[f"simulate, {bodies} loops × 20 s"] = partial(loops, bodies, 2)
+    stiff = max(10, bodies // 10)
+    for how in ("jit(vmap)", "in_blocks", "diffrax"):
+        rows[f"simulate, {stiff} loops of different stiffness, {how}"] = partial(stiff_loops, stiff, how, 2)
     tuned = max(4, 1000 // less)
     rows[f"tune, {tuned} problems, sqp (on the CPU)"] = partial(tunings, tuned, "sqp", 2)
     rows[f"tune, {tuned} problems, optax.adam(1e-2)"] = partial(tunings, tuned, optax.adam(1e-2), 1)

@@ -51,6 +51,7 @@ from .design.uncertainty.margin_uncertainty import (
 from .design.uncertainty.uncertainty import Uncertainty as Uncertainty, uncertainty as uncertainty
 from .foundation.compilation_cache import enable_compilation_cache as enable_compilation_cache
 from .foundation.document import storable as storable
+from .foundation.in_blocks import in_blocks as in_blocks
 from .foundation.outcome import ResultCode as ResultCode
 from .foundation.progress import Progress as Progress
 from .io import exchange as exchange

@@ -155,7 +155,7 @@ def test_reductions_agree_with_the_samples(stack, small_blocks):
 def few_segments(monkeypatch):
     """Four segments, in windows of three samples, so that few instants make a long row with a remainder."""
     monkeypatch.setattr(executables, "_reduction", executables._reduction.__wrapped__)
-    monkeypatch.setattr(executables, "_long", lambda _: 20)
+    monkeypatch.setattr(executables, "LONG", 20)
     monkeypatch.setattr(long_rows, "SEGMENTS", 4)
     monkeypatch.setattr(long_rows, "WINDOW", 3)
 

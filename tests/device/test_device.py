@@ -67,6 +67,19 @@ def test_one_long_path(components):
     agree({name: x[step] for name, x in found.values.items()}, expected.values, 1e-11)
 
 
+@pytest.mark.parametrize("kind", TOLERANCES)
+@pytest.mark.parametrize("reduce", [None, "max"])
+def test_the_fused_kernel(monkeypatch, kind, reduce):
+    """On a CPU, the kernel is interpreted; a GPU compiles it."""
+    monkeypatch.setenv("QTRAJ_EVALUATE_KERNEL", "interpret" if DEVICE.platform == "cpu" else "on")
+    times, names = np.linspace(0.0, 4.5, 1000), ("velocity", "speed")
+    found = qt.evaluate(moved(stacked([1.0, 1.1, 1.2]), kind), moved(times, kind), names, reduce=reduce)
+    expected = qt.evaluate(path(1.1), times, names).values
+    if reduce is not None:
+        expected = {name: x.max(axis=0) for name, x in expected.items()}
+    agree({name: x[1] for name, x in found.values.items()}, expected, TOLERANCES[kind])
+
+
 @pytest.mark.parametrize(("reduce", "function"), [("max", np.max), ("min", np.min), ("mean", np.trapezoid)])
 def test_reductions(reduce, function):
     times, names = np.linspace(0.0, 4.5, 5001), ("position", "curvature", "rate")

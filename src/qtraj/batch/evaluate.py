@@ -12,6 +12,7 @@ import numpy as np
 from qtraj.batch.at_once import FEW_OF_ONE, evaluated, is_small
 from qtraj.batch.devices import ADVICE, as_devices
 from qtraj.batch.executables import run
+from qtraj.batch.kernel_choice import INTERPRET, kernel_choice
 from qtraj.batch.minimizing import FRAME_OUTPUTS, frame_outputs
 from qtraj.batch.of_program import OUTPUTS as PROGRAM_OUTPUTS, program_table
 from qtraj.batch.reduction import REDUCTIONS, Reduced
@@ -109,6 +110,7 @@ def evaluate(
         continuous=continuous,
         reduce=None if reduce is None else _one_of(reduce, REDUCTIONS, "reduce"),
         axes=axes,
+        kernel=kernel_choice(),
     )
     if frame is not None and not isinstance(frame, AbstractFrame | RotationMinimizing):
         raise ValueError(f"a frame such as Natural() or Upright() was expected, but {frame!r} was given")
@@ -136,7 +138,8 @@ def evaluate(
     if vehicle is not None and vehicle.on_changing_road:
         _require_host(task, work, instants, devices)
     reused = _reused_arrays(reuse, task, (*rows, instants.shape[-1]))
-    if devices is None and is_host(*(reused or {}).values()) and is_small(task, work, instants):
+    forced = task.kernel == INTERPRET
+    if devices is None and not forced and is_host(*(reused or {}).values()) and is_small(task, work, instants):
         values: Any = evaluated(task, work, instants)
     else:
         traced = is_traced(work, instants)

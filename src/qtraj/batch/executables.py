@@ -15,6 +15,9 @@ from qtraj.algebra.cpu import in_one_loop
 from qtraj.batch.blocks import SAMPLES, filled, mapped, reduced
 from qtraj.batch.channels import channels
 from qtraj.batch.devices import AXIS, Place, placed
+from qtraj.batch.fused import accelerator_peaks, fused_formulas, fused_or, is_interpreted
+from qtraj.batch.fused_kernel import sums, written
+from qtraj.batch.kernel_choice import uses_kernel
 from qtraj.batch.long_rows import LONG, by_path, long_row
 from qtraj.batch.reduction import LINEAR, block_peak, joiner
 from qtraj.batch.stacking import results, stacked
@@ -68,11 +71,22 @@ def _traced(task: Task, request: Any, times: Array) -> Any:
         return _finished(task, _single_instant(task, paths, frame, times), times)
     if task.reduce is not None:
         return _finished(task, _summed(task, paths, frame, times, neighbours(times), default_platform()), times)
-    arrays, work = _worker(paths, frame, task.names)
-    values = mapped(work, arrays, (times,), shape, _samples(default_platform()))
-    flat = {name: jnp.stack(values[name]) for name in task.names}
+    flat = _values(task, paths, frame, times)
     lead = shape if task.batched else shape[1:]
     return results(task, {name: x.reshape(*CHANNELS[name].shape, *lead) for name, x in flat.items()})
+
+
+def _values(task: Task, paths: Any, frame: Any, times: Array) -> dict[str, Array]:
+    """Return the outputs (components, paths, instants) by name, inside a trace, with derivatives."""
+    platform = default_platform()
+
+    def plain(paths: Any, frame: Any, times: Array) -> dict[str, Array]:
+        arrays, work = _worker(paths, frame, task.names)
+        shape = (paths.duration.shape[0], times.shape[1])
+        values = mapped(work, arrays, (times,), shape, _samples(platform))
+        return {name: jnp.stack(values[name]) for name in task.names}
+
+    return fused_or(plain, written, _worker, task, platform)(paths, frame, times)
 
 
 def _differentiable_peaks(task: Task, paths: Any, frame: Any, times: Array) -> Any:
@@ -135,6 +149,10 @@ def _writing(task: Task, place: Place, donate: bool) -> Any:
         def local(paths: Any, times: Array) -> Any:
             count, instants = paths.duration.shape[0], times.shape[1]
             arrays, work = _worker(paths, frame, task.names)
+            formulas = fused_formulas(task, place.platform, work, arrays, times)
+            if formulas is not None:
+                found = written(formulas, arrays, times, is_interpreted(task))
+                return {name: x.reshape(task.raw_shape(name, count, instants)) for name, x in found.items()}
 
             def empty(name: str, dtype: Any) -> Array:
                 # Use different fill values, because the compiler would merge equal buffers and then copy the result.
@@ -189,8 +207,12 @@ def _reduction(task: Task, place: Place) -> Any:
 
 def _summed(task: Task, paths: Any, frame: Any, times: Array, around: Array, platform: str) -> Any:
     """Return the integral (paths,) of each component by name; `around` contains the `neighbours` of the times."""
-    arrays, work = _worker(paths, frame, task.names)
-    return jax.tree.map(lambda x: (x,), integrals(work, arrays, times, around, _samples(platform)))
+
+    def plain(paths: Any, frame: Any, times: Array, around: Array) -> Any:
+        arrays, work = _worker(paths, frame, task.names)
+        return jax.tree.map(lambda x: (x,), integrals(work, arrays, times, around, _samples(platform)))
+
+    return fused_or(plain, sums, _worker, task, platform)(paths, frame, times, around)
 
 
 def _single_instant(task: Task, paths: Any, frame: Any, times: Array) -> Any:
@@ -203,6 +225,8 @@ def _peaks(task: Task, paths: Any, frame: Any, times: Array, platform: str) -> A
     """Return (peak, time), each (paths,), for each component by name, without derivatives."""
     arrays, evaluated = _worker(paths, frame, task.names)
     shape, reduction = (paths.duration.shape[0], times.shape[1]), str(task.reduce)
+    if platform != "cpu" or uses_kernel(task.kernel, platform):
+        return accelerator_peaks(task, platform, evaluated, arrays, times, _samples(platform))
     peak = block_peak(reduction)
 
     def samples(path: Any, cut: Any) -> Any:
@@ -214,12 +238,11 @@ def _peaks(task: Task, paths: Any, frame: Any, times: Array, platform: str) -> A
     def join(parts: Any) -> Any:
         return _joined(task, parts)
 
-    samples_of_block = _samples(platform)
-    if shape[1] >= _long(platform):
-        rest = lambda path, tail: reduced(work, join, path, tail, (1, tail[0].shape[1]), samples_of_block)  # noqa: E731
+    if shape[1] >= LONG:
+        rest = lambda path, tail: reduced(work, join, path, tail, (1, tail[0].shape[1]))  # noqa: E731
         row = lambda path, cut: long_row(samples, reduction, path, cut, rest)  # noqa: E731
         return by_path(row, arrays, (times,), shape[0])
-    return reduced(work, join, arrays, (times,), shape, samples_of_block)
+    return reduced(work, join, arrays, (times,), shape)
 
 
 def _joined(task: Task, parts: Any) -> Any:
@@ -248,11 +271,6 @@ def _worker(paths: Any, frame: Any, names: tuple[str, ...]) -> Any:
         return structure.unflatten(in_one_loop(leaves))
 
     return arrays, work
-
-
-def _long(platform: str) -> float:
-    """Return the minimum number of instants for `long_row`; infinite on a GPU or TPU, where `long_row` is not used."""
-    return float(LONG) if platform == "cpu" else float("inf")
 
 
 def _samples(platform: str) -> int:

@@ -16,7 +16,7 @@ from qtraj.path.rate_axes import BODY
 
 @dataclass(frozen=True)
 class Task:
-    """The properties of a request that determine the executable."""
+    """The properties of a request that determine the executable; `kernel` is the choice of `kernel_choice`."""
 
     names: tuple[str, ...]
     components: str
@@ -24,6 +24,7 @@ class Task:
     continuous: bool
     reduce: str | None
     axes: str = BODY
+    kernel: str = "off"
 
     def shaped(self, name: str, flat: Array) -> Array:
         """Return a result with its axes as requested, from an array (components, paths, …)."""

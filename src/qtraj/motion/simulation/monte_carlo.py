@@ -12,6 +12,7 @@ import numpy as np
 
 from qtraj.foundation.argument import described, is_whole, require_type
 from qtraj.foundation.arrays import as_float, concrete, real_scalar, require_positive
+from qtraj.foundation.in_blocks import in_blocks
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput
 from qtraj.motion.simulation.loop_verdict import SETTLED
@@ -93,20 +94,11 @@ def monte_carlo(
         times = motion.settling_time(settled), motion.peak_command
         return motion.times, motion.angle, measure, *times, motion.code
 
-    columns: Any = _in_blocks(run, draws, n, min(block, n))
+    columns: Any = jax.tree.map(np.asarray, in_blocks(run, draws, block=block))
     times, angle, measure, settling, peak, code = columns
     measure: Any = np.where(np.isfinite(measure) & (code == ResultCode.successful), measure, np.inf)
     sizes = {name: _sizes(draws[name], spread) for name, spread in spreads.items()}
     return Study(times[0], angle, measure, settling, peak, code, draws, sizes)
-
-
-def _in_blocks(run: Callable[..., Any], draws: Any, n: int, block: int) -> list[np.ndarray]:
-    """Return the results of all flights; the last block repeats the last flight, so that its shape is the same."""
-    mapped, parts = jax.jit(jax.vmap(run)), []
-    for start in range(0, n, block):
-        numbers = np.minimum(np.arange(start, start + block), n - 1)
-        parts.append(jax.tree.map(np.asarray, mapped(jax.tree.map(lambda x, at=numbers: x[at], draws))))
-    return [np.concatenate(columns)[:n] for columns in zip(*parts, strict=True)]
 
 
 def _source(name: str, spread: Spread) -> Callable[[jax.Array], Any]:
