@@ -365,12 +365,8 @@ OTHERS = {
         ("load", "load_dataset", "read_road", "read_shape", "read_track", "save_dataset", "label", "storable"),
         "of files and datasets",
     ),
-<<<<<<< HEAD
     **dict.fromkeys(("sweep", "Swept", "Swept.parameters", "Swept.values_of"), "of functions and stores: tests/sweeps"),
-=======
     "in_blocks": "of functions: tests/foundation/test_in_blocks.py",
-    **dict.fromkeys(("sweep", "Swept", "Swept.parameters"), "of functions and stores: tests/sweeps"),
->>>>>>> h6
     **dict.fromkeys(
         (f"sweeps.{name}" for name in ("evaluate", "certify", "tune", "tune_route", "retime", "simulate")),
         "of functions: tests/sweeps",
