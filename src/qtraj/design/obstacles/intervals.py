@@ -23,7 +23,7 @@ def intervals(
     """Return pairs of the index of an obstacle and an interval (start, end) [s], in order."""
     result = []
     for j, obstacle in enumerate(obstacles):
-        broken = [pieces[i] for i in np.flatnonzero(found.codes[:, j] == BROKEN)]
+        broken = [pieces[i] for i in np.flatnonzero(found.codes[:, j] == BROKEN).tolist()]
         for piece, own in zip(broken, _of_pieces(broken, obstacle, body), strict=True):
             for ends in own:
                 start, end = np.ravel(piece.report(np.array(ends)))

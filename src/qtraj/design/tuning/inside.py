@@ -37,7 +37,8 @@ def message(problem: Problem) -> str:
     """Return the message for one problem whose body is inside an obstacle."""
     name, depths = max(_depths(problem, np).items(), key=lambda item: max(map(float, item[1])))
     where = ("start", "end")[int(np.argmax(depths))]
-    turns = any(any(x.offset) for x in problem.clearances.by_name.values() if x.name == name)
+    own = problem.clearances
+    turns = own is not None and own.body is not None and own.body.turns
     return (
         f"at the {where}, whose position is fixed, the body is inside {name}, by {max(map(float, depths)):.4g} m"
         f"{' or more' if turns else ''}: move the {where} or the obstacle"
