@@ -26,6 +26,7 @@ BODY = ((-1.3, 1.1), (1.3, 1.1))
 TUBE = (4.0, 0.05)
 SEGMENTS, PACE = 10, 5.0
 NODES, DENSE = 11, 51
+STEPS = 300
 SAMPLES = 2001
 WIDTH = 6.0
 """Length [m] along the road over which a start of IPOPT is shifted to one side of a mast."""
@@ -120,6 +121,7 @@ def solver_of(own, problem, dense):
     costs, limits, ratios = one.map(SEGMENTS)(z[:, :-1], z[:, 1:], *constant)
     nlp = {"x": ca.vec(z), "f": ca.sum2(costs), "g": ca.vertcat(ca.vec(limits), ca.vec(ratios))}
     options = {"ipopt.print_level": 0, "ipopt.sb": "yes", "print_time": False, "ipopt.tol": 1e-8}
+    options["ipopt.max_iter"] = STEPS
     wide = np.where(problem.free.ravel(), np.inf, 0.0)
     top = np.concatenate([np.ones(limits.numel()), np.full(SEGMENTS, setup.LONGEST)])
     bottom = np.concatenate([np.full(limits.numel(), -np.inf), np.full(SEGMENTS, setup.SHORTEST)])
@@ -248,9 +250,10 @@ def main():
     """Print one line for each problem, and a summary."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--problems", type=int, default=20)
+    parser.add_argument("--first", type=int, default=0, help="number of the first problem")
     chosen = parser.parse_args()
     rows = []
-    for seed in range(chosen.problems):
+    for seed in range(chosen.first, chosen.first + chosen.problems):
         rows.append(row := compared(case(seed)))
         print(shown(seed, row), flush=True)
     table = {name: np.array(x) for name, x in zip(Row._fields, zip(*rows, strict=True), strict=True)}
