@@ -35,6 +35,12 @@ class Segment(NamedTuple):
             v, a = (ca.DM(tables[k, j]).T @ y / self.duration**k for k in (1, 2))
             yield v, a, ca.DM(tables[0, j]).T @ self.change
 
+    def positions(self, count):
+        """Yield the position at the same steps; the problem must contain `origins`."""
+        tables = basis.at_nodes(np.linspace(0, 1, count)[:-1], 0)
+        for row in tables[0]:
+            yield ca.DM(row).T @ (self.ends + self.change) + self.given["origins"].T
+
 
 def segment(problem, *more):
     """Return the segment; the arrays of the problem are those of the change of the route, and `more`."""

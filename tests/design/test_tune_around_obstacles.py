@@ -10,6 +10,7 @@ import pytest
 import qtraj as qt
 from qtraj.algebra.jets import Jet
 from qtraj.design.obstacles.keep_out import clearances_at
+from qtraj.design.tuning import inside
 from qtraj.design.tuning.clearances import STRICTER, Clearances
 from qtraj.design.tuning.initial import initial_path
 from qtraj.design.tuning.motions.registry import MOTIONS
@@ -126,6 +127,32 @@ def test_what_is_inside_an_obstacle_is_named_at_once():
     # A ball in front may be clear, in another direction.
     mast = qt.Cylinder([RADIUS * np.cos(TURN / 2) - 0.6, RADIUS * np.sin(TURN / 2) + 0.8, 0.0], UP, 0.5)
     assert qt.tune(START, END, qt.Limits(keep_out=[mast], body=[(1.0, 0.2)]), motion="hermite", starts=1).converged
+
+
+@pytest.mark.parametrize("body", [[(-1.3, 0.4), (1.3, 0.4)], [([-1.0, 0.4, 0.1], 0.6), ([1.0, -0.4, 0.1], 0.6)]])
+def test_an_end_behind_a_wall_is_named_for_a_body_on_both_sides_of_it(body):
+    """Each ball alone may be clear of the wall, but in no direction both are."""
+    x, y = RADIUS * np.cos(TURN / 2), RADIUS * np.sin(TURN / 2)
+    walls = qt.ConvexPolygon([[x - 0.15, y - 3], [x + 5, y - 3], [x + 5, y + 3], [x - 0.15, y + 3]])
+    with pytest.raises(ValueError, match=r"at the end, .* inside keep_out\[0\], by .* m or more"):
+        qt.tune(START, END, qt.Limits(keep_out=[walls], body=body), motion="hermite")
+
+
+@pytest.mark.parametrize("kind", ["ball", "cylinder", "half space", "polygon"])
+def test_the_depth_at_an_end_is_a_lower_bound_in_every_direction(kind):
+    """No random direction has less depth, and the bound is exact to the spacing of the directions that are tried."""
+    rng = np.random.default_rng(7)
+    balls = Clearances([EVERY[kind]], qt.Limits(keep_out=[EVERY[kind]], body=BODY).body)
+    body = qt.Limits(keep_out=[EVERY[kind]], body=BODY).body
+    positions, directions = NEAR + rng.normal(0, 2.0, (20, 3)), rng.normal(size=(1000, 3))
+    found = inside._depth(list(balls.by_name.values()), positions, np)
+    for position, depth in zip(positions, found, strict=True):
+        centres = body.centres(np.broadcast_to(position, directions.shape), directions)
+        each = np.asarray(body.radii)[:, None] - np.asarray(EVERY[kind].distance(centres, 0.0 * centres[..., 0]))
+        least = each.max(axis=0).min()
+        assert depth <= least + 1e-12
+        assert depth > 0 or least < 2 * inside.STEPS * 1.5
+    assert (found > 0).any()
 
 
 def test_an_infeasible_problem_names_the_obstacle_and_the_depth():

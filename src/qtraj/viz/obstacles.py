@@ -12,6 +12,7 @@ from qtraj.design.obstacles.convex_polygon import ConvexPolygon
 from qtraj.design.obstacles.cylinder import Cylinder
 from qtraj.design.obstacles.ellipsoid import Ellipsoid
 from qtraj.design.obstacles.half_space import HalfSpace
+from qtraj.design.obstacles.keep_out import centres_at
 from qtraj.path.hodograph import AbstractHodograph
 
 FILL = {"facecolor": "0.8", "edgecolor": "0.45", "lw": 0.8, "zorder": 1}
@@ -84,13 +85,15 @@ def draw_body(
     times: Float[np.ndarray, " n"],
     centre: Float[np.ndarray, " 2"] | None = None,
 ) -> None:
-    """Draw the balls of the body at the `times` [s] of a path, relative to `centre` (2,) [m]."""
+    """Draw the balls of the body at the `times` [s] of a path, relative to `centre` (2,) [m].
+
+    On a route that reverses, they are where `clearance` assumes them.
+    """
     if limits.body is None:
         return
     shift = np.zeros(2) if centre is None else np.asarray(centre, float)
     instants: Any = np.asarray(times, float)
-    position, velocity = (np.asarray(x) for x in path.sampled(instants, 1))
-    centres = np.asarray(limits.body.centres(position, velocity))
+    centres = np.asarray(centres_at(limits.body, path, instants))
     for row, radius in zip(centres, np.asarray(limits.body.radii, float), strict=True):
         for point in row:
             axes.add_patch(Circle(point[:2] - shift, radius, **BODY))

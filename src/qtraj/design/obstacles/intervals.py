@@ -23,27 +23,34 @@ def intervals(
     """Return pairs of the index of an obstacle and an interval (start, end) [s], in order."""
     result = []
     for j, obstacle in enumerate(obstacles):
-        for i in np.flatnonzero(found.codes[:, j] == BROKEN).tolist():
-            for a, b in _of_piece(Samples([pieces[i]], body), obstacle):
-                start, end = np.ravel(pieces[i].report(np.array([a, b])))
+        broken = [pieces[i] for i in np.flatnonzero(found.codes[:, j] == BROKEN).tolist()]
+        for piece, own in zip(broken, _of_pieces(broken, obstacle, body), strict=True):
+            for ends in own:
+                start, end = np.ravel(piece.report(np.array(ends)))
                 result.append((j, (float(start), float(end))))
     return result
 
 
-def _of_piece(samples: Samples, obstacle: AbstractObstacle) -> list[tuple[float, float]]:
-    """Return intervals of fractions with a negative clearance; one at the minimum if all samples are positive."""
+def _of_pieces(pieces: Sequence[Piece], obstacle: AbstractObstacle, body: Body) -> list[list[tuple[float, float]]]:
+    """Return the intervals of fractions with a negative clearance in each piece; all pieces together, to save time.
 
-    def inside(u: np.ndarray) -> np.ndarray:
-        return samples.clearances(obstacle, u[:, None])[:, 0] < 0
-
-    lowest = float(samples.smallest(obstacle)[0][0])
-    u = np.unique(np.append(np.linspace(0.0, 1.0, INSTANTS), lowest))
-    own = inside(u) | (u == lowest)
-    k = np.flatnonzero(own[1:] != own[:-1])
-    low, high, before = u[k], u[k + 1], own[k]
+    If all samples of a piece are positive, the interval is the point of the minimum.
+    """
+    if not pieces:
+        return []
+    samples, count = Samples(pieces, body), len(pieces)
+    lowest = samples.smallest(obstacle)[0]
+    u = np.sort(np.append(np.tile(np.linspace(0.0, 1.0, INSTANTS)[:, None], (1, count)), lowest[None], axis=0), axis=0)
+    inside = (samples.clearances(obstacle, u) < 0) | (u == lowest)
+    piece, k = np.nonzero((inside[1:] != inside[:-1]).T)
+    low, high, before = u[k, piece], u[k + 1, piece], inside[k, piece]
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
-        same = inside(middle) == before
+        same = (samples.clearances(obstacle, middle[None], piece)[0] < 0) == before
         low, high = np.where(same, middle, low), np.where(same, high, middle)
-    edges = [*([0.0] if own[0] else []), *(0.5 * (low + high)), *([1.0] if own[-1] else [])]
-    return list(zip(edges[::2], edges[1::2], strict=True))
+    changes = 0.5 * (low + high)
+    found = []
+    for i in range(count):
+        edges = [*([0.0] if inside[0, i] else []), *changes[piece == i].tolist(), *([1.0] if inside[-1, i] else [])]
+        found.append(list(zip(edges[::2], edges[1::2], strict=True)))
+    return found

@@ -59,15 +59,19 @@ def clearances_at(
 ) -> dict[str, Float[Array, "*n"]]:
     """Return the clearances [m] at the instants t () or (n,) [s] of one path, by the names of the obstacles."""
     own = POINT if body is None else body
-    position, velocity = rows(path, t)
-    velocity = _with_directions(own, path, t, velocity)
-    centres = own.centres(position, velocity, _signs(own, path, t))
+    centres = centres_at(own, path, t)
     found = {}
     for k, obstacle in enumerate(obstacles):
         distance = obstacle.distance(centres, xp.broadcast_to(xp.asarray(t), centres.shape[:-1]))
         radii = own.radii.reshape(-1, *(1,) * np.ndim(t))
         found[name_of_obstacle(k)] = xp.min(distance - xp.broadcast_to(radii, distance.shape), axis=0)
     return found
+
+
+def centres_at(body: Body, path: AbstractHodograph, t: Any) -> Float[Array, "m *n 3"]:
+    """Return the centres [m] of the balls at the instants t () or (n,) [s] of one path, in reverse, too."""
+    position, velocity = rows(path, t)
+    return body.centres(position, _with_directions(body, path, t, velocity), _signs(body, path, t))
 
 
 def rows(path: AbstractHodograph, t: Any) -> Any:

@@ -5,12 +5,23 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
+from qtraj.design.obstacles.clear import Clear
 from qtraj.design.tuning.clearances import axes_of, in_world
 from qtraj.design.tuning.problem import Problem
 
 DEPTH = 1e-9
 """The smallest depth inside an obstacle that is a fault, as a fraction of the length of the path."""
+
+HEADINGS, PITCHES = 48, 13
+"""The numbers of headings and pitches of the body that are tried at an end, over their whole ranges."""
+
+DIRECTIONS = HEADINGS * PITCHES, 3
+"""The shape of one point for each direction."""
+
+STEPS = np.pi / HEADINGS + 0.5 * np.pi / (PITCHES - 1)
+"""No attitude is farther than this angle [rad] from one that is tried: half a heading and half a pitch."""
 
 
 def occurs(problem: Problem, xp: Any) -> Any:
@@ -26,14 +37,16 @@ def message(problem: Problem) -> str:
     """Return the message for one problem whose body is inside an obstacle."""
     name, depths = max(_depths(problem, np).items(), key=lambda item: max(map(float, item[1])))
     where = ("start", "end")[int(np.argmax(depths))]
+    own = problem.clearances
+    turns = own is not None and own.body is not None and own.body.turns
     return (
-        f"at the {where}, whose position is fixed, the body is inside {name}, by {max(map(float, depths)):.4g} m: move "
-        f"the {where} or the obstacle"
+        f"at the {where}, whose position is fixed, the body is inside {name}, by {max(map(float, depths)):.4g} m"
+        f"{' or more' if turns else ''}: move the {where} or the obstacle"
     )
 
 
 def _depths(problem: Problem, xp: Any) -> dict[str, list[Any]]:
-    """Return how far [m] the body is inside each obstacle at both ends, whatever its direction there.
+    """Return lower bounds on how far [m] the body is inside each obstacle at both ends, whatever its direction there.
 
     An obstacle that moves counts at the start only, whose time is known.
     """
@@ -41,13 +54,45 @@ def _depths(problem: Problem, xp: Any) -> dict[str, list[Any]]:
     if own is None:
         return found
     ends = _ends(problem, xp)
-    for x in own.by_name.values():
-        point = np.zeros(3) if x.track is None else np.array([c[0] for c in x.track])
-        least = float(np.linalg.norm(x.offset)) - x.radius
-        positions = [p - xp.broadcast_to(point, p.shape) for p in ends[: 2 if x.track is None else 1]]
-        depths = [-least - x.obstacle.distance(p, 0.0 * p[..., 0]) for p in positions]
-        found[x.name] = [xp.maximum(a, b) for a, b in zip(found.get(x.name, depths), depths, strict=True)]
+    for name, rows in own.obstacles.items():
+        balls = [own.by_name[row] for row in rows]
+        track = balls[0].track
+        point = np.zeros(3) if track is None else np.array([c[0] for c in track])
+        positions = [p - xp.broadcast_to(point, p.shape) for p in ends[: 2 if track is None else 1]]
+        found[name] = [_depth(balls, p, xp) for p in positions]
     return found
+
+
+def _depth(balls: list[Clear], position: Any, xp: Any) -> Any:
+    """Return a lower bound on the depth [m] of the balls in their obstacle at positions (*batch, 3), in any direction.
+
+    In any direction a ball is at most its offset nearer to the position. If several balls are on different sides of the
+    position, the deepest one is deeper than that: many directions are tried, and between them a ball moves by at most
+    `STEPS` times its offset.
+    """
+    away = -balls[0].obstacle.distance(position, 0.0 * position[..., 0])
+    lengths = [float(np.linalg.norm(x.offset)) for x in balls]
+    least = away + max(x.radius - length for x, length in zip(balls, lengths, strict=True))
+    most = away + max(x.radius + length for x, length in zip(balls, lengths, strict=True))
+    if not any(lengths) or (xp is np and not np.any((least <= 0) & (most > 0))):
+        return least
+    deepest = None
+    for x in balls:
+        centres = position[..., None, :] + xp.broadcast_to(_turned(x.offset), (*position.shape[:-1], *DIRECTIONS))
+        depth = x.radius - x.obstacle.distance(centres, 0.0 * centres[..., 0])
+        deepest = depth if deepest is None else xp.maximum(deepest, depth)
+    return xp.maximum(least, xp.min(deepest, axis=-1) - STEPS * max(lengths))
+
+
+def _turned(offset: tuple[float, float, float]) -> Float[np.ndarray, "directions 3"]:
+    """Return an offset, in the axes of the upright frame, in the world for all headings and pitches."""
+    heading = 2 * np.pi / HEADINGS * np.arange(HEADINGS)[:, None]
+    pitch = np.linspace(-0.5 * np.pi, 0.5 * np.pi, PITCHES)
+    forward, left, up = offset
+    ahead, above = forward * np.cos(pitch) - up * np.sin(pitch), forward * np.sin(pitch) + up * np.cos(pitch)
+    x = ahead * np.cos(heading) - left * np.sin(heading)
+    y = ahead * np.sin(heading) + left * np.cos(heading)
+    return np.stack(np.broadcast_arrays(x, y, above), axis=-1).reshape(DIRECTIONS)
 
 
 def _ends(problem: Problem, xp: Any) -> list[Any]:
