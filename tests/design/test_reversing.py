@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import qtraj as qt
+from qtraj.design.tuning_route import circuit
 
 LIMITS = qt.Limits(horizontal_curvature=0.2, lateral_acceleration=1.0, speed=5.0)
 NOISE = 0.003
@@ -158,3 +159,12 @@ def test_a_stop_in_a_hairpin_is_not_taken_for_a_reversal():
     at = np.asarray(qt.evaluate(path, times, ("position",)).position)
     assert np.abs(at - places).max() < 0.02
     np.testing.assert_allclose(heading(path, np.linspace(6.0, 12.0, 601))[[0, -1]], [0.0, np.pi], rtol=0, atol=0.1)
+
+
+@pytest.mark.parametrize("last", [1.0, -1.0])
+def test_a_vehicle_does_not_return_to_the_start_of_a_closed_route_with_the_opposite_heading(last):
+    c, h = np.zeros((2, 6, 3)), np.ones(2)
+    c[:, 1, 0] = 1.0, last  # the tangents at the start and at the end
+    circuit.require_same_heading(c, h, np.array([1.0, last]))
+    with pytest.raises(ValueError, match="the vehicle reverses an odd number of times"):
+        circuit.require_same_heading(c, h, np.array([1.0, -last]))

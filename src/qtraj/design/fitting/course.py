@@ -74,20 +74,21 @@ def course(
     ]
     parts += [(*zone.interval, own, False) for zone, own in zip(zones, progress, strict=True)]
     pieces, at, w = [], 0.0, 0.0
-
-    def piece(start: float, end: float, advance: float, zone: ZoneProgress | None, stop: bool) -> Piece:
-        return Piece(start, end, w, advance, zone, stop, (-1.0) ** np.count_nonzero(turns <= start))
-
     for start, end, zone, stop in [*sorted(parts, key=lambda x: x[:2]), (duration, duration, None, True)]:
         if start > at:
-            pieces.append(piece(at, start, start - at, None, False))
+            pieces.append(Piece(at, start, w, start - at, None, False, _sense(turns, at)))
             w += start - at
         if end > start:
             advance = 0.0 if stop else zone.advance if zone is not None else end - start
-            pieces.append(piece(start, end, advance, zone, stop))
+            pieces.append(Piece(start, end, w, advance, zone, stop, _sense(turns, start)))
             w += advance
         at = end
     return Course(pieces)
+
+
+def _sense(turns: Float[np.ndarray, " n"], at: float) -> float:
+    """Return the sense of a piece that begins at the time `at`, for the times of the points of reversal."""
+    return (-1.0) ** np.count_nonzero(turns <= at)
 
 
 def joints(of: Course, knots: Float[np.ndarray, " m"], is_stop: Bool[np.ndarray, " segments"]) -> Joints:

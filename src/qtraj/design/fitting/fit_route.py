@@ -82,9 +82,10 @@ def fit_route(
     about a third of the distance that the vehicle drives almost straight before the stop, or more in noise, to as much
     after it; all samples are fitted again in the parameter w, and the progress keeps the vehicle at rest. So the
     curvature is that of the street up to the stop. Where the vehicle reverses, the route continues with the opposite
-    tangent and the same curvature vector: the vehicle keeps its heading and its steering angle. Recordings without
-    noise are fitted in the time only, and so are stops after which a vehicle continues at an angle between 90° and
-    135°, because it is unclear whether it reverses, and points of reversal close to an end of the recording.
+    tangent and the same curvature vector: the vehicle keeps its heading and its steering angle. Within the last
+    decimetres, noise determines the curvature there. Recordings without noise are fitted in the time only, and so are
+    stops at which it is unclear whether the vehicle reverses, as in a hairpin or after a turn by more than 90°, and
+    points of reversal close to an end of the recording.
 
     Samples are excluded as `outliers` if their distance from the route exceeds ten times the upper quartile of the
     distances and changes abruptly from one sample to the next. Gaps in the recording are bridged with minimum jerk. The

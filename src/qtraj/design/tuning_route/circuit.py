@@ -15,6 +15,7 @@ from jaxtyping import Float
 from qtraj.design.tuning_route.chain import Border
 from qtraj.design.tuning_route.problem import RouteProblem
 from qtraj.foundation.namespace import xp
+from qtraj.path import pieces
 from qtraj.path.route import Route
 from qtraj.path.route_parts import JOINED
 
@@ -32,6 +33,21 @@ def require_closed(route: Route) -> None:
         raise ValueError(
             "a closed route must have at least two segments, but this route has one: divide it at a time t [s] by "
             "route.window(0, t) + route.window(t, route.duration)"
+        )
+
+
+def require_same_heading(
+    c: Float[np.ndarray, "n terms 3"], h: Float[np.ndarray, " n"], sense: Float[np.ndarray, " n"]
+) -> None:
+    """Raise a ValueError if a vehicle returns to the start of a closed route with the opposite heading.
+
+    `c` are the coefficients of the curves, `h` their durations, and `sense` is −1 where the vehicle drives in reverse.
+    """
+    end = sense[-1] * pieces.values(c[-1:], h[-1:], 1)[1][0]
+    if float(end @ c[0, 1]) < 0:
+        raise ValueError(
+            "the vehicle reverses an odd number of times on this closed route, so it would return to the start with "
+            "the opposite heading. Add a point of reversal, or call tune_route without closed=True."
         )
 
 

@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from qtraj.design.tuning_route import basis
+from qtraj.design.tuning_route import basis, circuit
 from qtraj.design.tuning_route.constraints import contain_position
 from qtraj.design.tuning_route.curves import Curves, chain, curves_of, rates, rebuilt, stretch
 from qtraj.design.tuning_route.geometry import (
@@ -70,6 +70,8 @@ def parts(route: Route, closed: bool = False) -> Parts:
     s = segments_of(route)
     curves = curves_of(s)
     c, h = chain(curves, s.coefficients, s.durations, s.progress)
+    if closed and curves.reversing is not None:
+        circuit.require_same_heading(c, h, curves.reversing)
     return Parts(c, h, joint_states(c, h, standing(c, h), closed, curves.reversing), curves, s)
 
 
@@ -187,7 +189,8 @@ def _used(
     smooth = [k for k in range(len(names) + 2) if k >= len(names) or quantity(names[k]).order <= 2]
     used[smooth, -1] = False
     if sense is not None:
-        used[np.array(smooth)[:, None], -1, np.flatnonzero(np.diff(sense))[None]] = True
+        signed = np.array([k for k in smooth if k < len(names) and quantity(names[k]).signed is not None], int)
+        used[signed[:, None], -1, np.flatnonzero(np.diff(sense))[None]] = True
     heights = np.array([k for k in range(len(names)) if quantity(names[k]).of_position], int)
     used[heights[:, None], 0, np.flatnonzero(held[:-1, 0])[None]] = False
     used[np.array(smooth)[:, None], 0, np.flatnonzero(np.all(held[:-1], axis=1))[None]] = False
