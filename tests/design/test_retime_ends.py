@@ -100,3 +100,13 @@ def test_inside_jit_a_speed_is_a_bound():
     speeds, wanted = ends(1.0)
     assert np.asarray(wanted).tolist() == [1.5, 1.0]
     assert np.asarray(speeds) == pytest.approx([1.5, 1.0], rel=1e-3)
+
+
+def test_a_speed_that_the_duration_does_not_permit_is_explained_by_the_duration():
+    limits = qt.Limits(speed=13.0, lateral_acceleration=2.0, longitudinal_acceleration=1.5)
+    points = [(0, 0, 0), (20, 5, 0), (40, -5, 0), (60, 5, 0), (80, 0, 0)]
+    route = qt.Route.from_piecewise(CubicSpline(5.0 * np.arange(5), points))
+    timed = qt.retime(route, limits, start_speed=3.0, end_speed=3.0, duration=40.0)
+    assert "start_speed cannot be reached with the duration of" in timed.result
+    assert "or a shorter duration" in timed.result
+    assert "raise the limits" not in timed.result

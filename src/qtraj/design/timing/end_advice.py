@@ -12,18 +12,24 @@ BRAKING = ("longitudinal_acceleration", "longitudinal_acceleration_min")
 """The limits that bound the deceleration."""
 
 
-def missed_speeds(wanted: np.ndarray, speeds: np.ndarray, names: Collection[str]) -> str:
+def missed_speeds(wanted: np.ndarray, speeds: np.ndarray, names: Collection[str], duration: float | None) -> str:
     """Return a text about the speeds [m/s] at both ends, of which at least one is lower than prescribed.
 
-    `wanted` are the prescribed speeds, NaN where free, and `names` those of the limits.
+    `wanted` are the prescribed speeds, NaN where free, and `names` those of the limits. With a prescribed `duration`
+    [s], the limits on accelerations are lower than the given ones.
     """
     start, end = speeds < wanted * (1 - REACHED)
+    if duration is not None:
+        ends = ("start_speed", "starts", start), ("end_speed", "ends", end)
+        missed = zip(ends, wanted, speeds, strict=True)
+        return " ".join(_too_gentle(*own[:2], *x, duration) for own, *x in missed if own[2])
     texts = []
     if start:
         advice = f"or raise the limits. {_on_braking(names)}"
         texts.append(f"{_missed('start_speed', 'starts', wanted[0], speeds[0])}, {advice}")
     if end:
-        advice = "raise the limits, or choose a higher start_speed or a longer path."
+        choose = "a longer path" if start or np.isnan(wanted[0]) else "a higher start_speed or a longer path"
+        advice = f"raise the limits, or choose {choose}."
         texts.append(f"{_missed('end_speed', 'ends', wanted[1], speeds[1])}, {advice}")
     return " ".join(texts)
 
@@ -32,6 +38,14 @@ def _missed(argument: str, verb: str, goal: float, reached: float) -> str:
     return (
         f"{argument} cannot be reached within the limits: the fastest timing {verb} with {reached:.4g} m/s instead of "
         f"{goal:.4g} m/s. Pass {argument}={_below(reached)}"
+    )
+
+
+def _too_gentle(argument: str, verb: str, goal: float, reached: float, duration: float) -> str:
+    return (
+        f"{argument} cannot be reached with the duration of {duration:.6g} s: the timing that accelerates most gently "
+        f"{verb} with {reached:.4g} m/s instead of {goal:.4g} m/s. "
+        f"Pass {argument}={_below(reached)}, or a shorter duration."
     )
 
 

@@ -169,7 +169,8 @@ class Retimed(AbstractOutcome):
             return f"converged: {found}, and every limit is proved to be satisfied on the whole path."
         if code == ResultCode.end_speed_not_reached:
             wanted, speeds = (np.asarray(x)[at] for x in (self.wanted, self.speeds))
-            return missed_speeds(wanted, speeds, self.certificate.names) or code.text
+            prescribed = not np.isnan(np.asarray(self.share)[at])
+            return missed_speeds(wanted, speeds, self.certificate.names, time if prescribed else None) or code.text
         if code == ResultCode.starts_above_limits:
             when, where = (float(np.asarray(x)[at]) for x in (self.braking_time, self.braking_distance))
             proved = "satisfied at all samples" if source(self.path.path) is None else "proved to be satisfied"

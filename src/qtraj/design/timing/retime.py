@@ -84,8 +84,9 @@ def retime(
     cells are small.
 
     `start_speed` and `end_speed` [m/s] are the speeds at both ends: zero for rest, or None to let the search choose the
-    speed. A speed within reach is met to 1e-9 of its value, and to 0.2 % where a limit allows no more; inside jit, vmap
-    and grad, it is only an upper bound, and zero must be a Python number, not an array. At an end at rest where the
+    speed. A speed is met to about 1e-9 of its value if it is lower by 0.1 % than the highest one within the limits, and
+    closer to that to 0.2 %; inside jit, vmap and grad, it is only an upper bound, and zero must be a Python number, not
+    an array. At an end at rest where the
     velocity of `path` itself is not zero, the acceleration jumps, so a limit on the jerk applies only between the ends.
 
     A vehicle may start faster than the limits allow, because of a limit at the start or of a bend ahead. If the

@@ -77,7 +77,7 @@ def retime_together(
             arguments, 512 is the default.
         tolerance: The largest estimated relative distance of the duration from the minimum.
         duration: The duration [s], not shorter than the minimum; by default, the minimum. All bodies then accelerate as
-            gently as possible: their limits are multiplied by `share` of the results, as in `retime`.
+            gently as possible: their limits on accelerations are multiplied by `share` of the results, as in `retime`.
         periodic: Whether each end is its start, and the timing is repeated (a flying lap).
         throw: Whether a failure raises a RuntimeError.
 

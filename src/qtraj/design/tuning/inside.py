@@ -74,14 +74,24 @@ def _depth(balls: list[Clear], position: Any, xp: Any) -> Any:
     lengths = [float(np.linalg.norm(x.offset)) for x in balls]
     least = away + max(x.radius - length for x, length in zip(balls, lengths, strict=True))
     most = away + max(x.radius + length for x, length in zip(balls, lengths, strict=True))
-    if not any(lengths) or (xp is np and not np.any((least <= 0) & (most > 0))):
+    if not any(lengths):
         return least
+    if xp is not np:
+        return xp.maximum(least, _in_all_directions(balls, position, lengths, xp))
+    found, open_ = np.array(least), (least <= 0) & (most > 0)
+    if np.any(open_):
+        found[open_] = np.maximum(found[open_], _in_all_directions(balls, position[open_], lengths, np))
+    return found
+
+
+def _in_all_directions(balls: list[Clear], position: Any, lengths: list[float], xp: Any) -> Any:
+    """Return the smallest depth of the deepest ball over all directions, less the motion between these."""
     deepest = None
     for x in balls:
         centres = position[..., None, :] + xp.broadcast_to(_turned(x.offset), (*position.shape[:-1], *DIRECTIONS))
         depth = x.radius - x.obstacle.distance(centres, 0.0 * centres[..., 0])
         deepest = depth if deepest is None else xp.maximum(deepest, depth)
-    return xp.maximum(least, xp.min(deepest, axis=-1) - STEPS * max(lengths))
+    return xp.min(deepest, axis=-1) - STEPS * max(lengths)
 
 
 def _turned(offset: tuple[float, float, float]) -> Float[np.ndarray, "directions 3"]:
