@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 
 from qtraj.design.bound import numbers
-from qtraj.design.ellipse import OfSpeed
+from qtraj.design.ellipse import Ellipse
 from qtraj.design.limits import Limits, require_limits
 from qtraj.design.own_limits import require_reduced
 from qtraj.design.proof.certificate import require_float64
+from qtraj.design.tuning_route import along
 from qtraj.design.tuning_route.scales import is_shifted
 from qtraj.foundation.argument import described
 from qtraj.foundation.arrays import concrete, is_traced
@@ -38,15 +39,11 @@ def require_route(route: Any, limits: Any) -> None:
 def limited(limits: Limits, objective: str) -> tuple[str, ...]:
     """Return the names of the limits; raise a ValueError if they do not suit the objective."""
     bounds = limits.given()
-    for name, bound in bounds.items():
-        if isinstance(bound, OfSpeed):
-            raise ValueError(
-                f"tune_route does not support limits that depend on the speed, but the limit {name} is {bound!r}: pass "
-                "constant limits, or retime the route with this limit"
-            )
     require_suitable(tuple(bounds), objective)
     for name, bound in bounds.items():
-        known, shifted = concrete(numbers(bound)), is_shifted(name) and not limits.varying
+        if isinstance(bound, Ellipse):  # it has positive half-axes
+            continue
+        known, shifted = concrete(numbers(bound)), is_shifted(name) and not along.changes(limits)
         if (
             not shifted
             and quantity(name).bounds_side

@@ -19,6 +19,7 @@ from qtraj.design.tuning_route.arguments import (
     require_differentiable,
     require_route,
 )
+from qtraj.design.tuning_route.by_speed import of_nodes
 from qtraj.design.tuning_route.curves import largest_of
 from qtraj.design.tuning_route.problem import RouteProblem
 from qtraj.design.tuning_route.remedy import Change, remedy
@@ -200,10 +201,11 @@ def _solution(
     def posed(bounds: np.ndarray, held: np.ndarray, objective: str, kept: bool) -> RouteProblem:
         every = np.append(bounds, np.ones(len(own)))
         problem = problem_of(given, names, every, widths, held, objective, kept, closed, road, origin)
+        problem = problem._replace(by_speed=of_nodes(limits.given(), bounds))
         return around.with_obstacles(problem, own)
 
     problem = posed(bounds, held, objective, objective == "smoothest")
-    if limits.varying:
+    if along.changes(limits):
         local = along.local_squares(route, limits, given.curves, closed, len(own))
         problem = problem._replace(**scales(names, np.append(bounds, np.ones(len(own)))), local=local)
     if nearest_to is not None:
