@@ -14,7 +14,7 @@ from qtraj.algebra.polynomial import taylor_terms
 from qtraj.design.tuning import constraints
 from qtraj.design.tuning.constraints import Place, Units
 from qtraj.design.tuning.problem import Formulas, Problem, plain
-from qtraj.design.tuning.zones import Zone
+from qtraj.design.tuning.zones import AnyZone
 from qtraj.path.clearance_quantity import names_obstacle
 from qtraj.path.frenet import Invariants
 
@@ -37,7 +37,7 @@ class Searches:
     high: Float[np.ndarray, "n batch"]
     weight: Batch
     level: bool
-    zones: tuple[Zone, ...] = ()
+    zones: tuple[AnyZone, ...] = ()
 
     @cached_property
     def formulas(self) -> Formulas:
@@ -254,7 +254,7 @@ def _in_both(cubic: Sequence[Any], u: Points, order: int, n: int) -> list[Any]:
 
 
 def searches_of(
-    problem: Problem, limits: dict[str, Any], low: Any, high: Any, zones: tuple[Zone, ...] = ()
+    problem: Problem, limits: dict[str, Any], low: Any, high: Any, zones: tuple[AnyZone, ...] = ()
 ) -> Searches:
     """Return the searches of a batch of problems with leading batch axes, from concrete arrays."""
     problem, limits, low, high = jax.tree.map(

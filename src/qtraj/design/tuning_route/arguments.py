@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 
 from qtraj.design.bound import numbers
-from qtraj.design.ellipse import Ellipse
+from qtraj.design.ellipse import OfSpeed
 from qtraj.design.limits import Limits, require_limits
 from qtraj.design.own_limits import require_reduced
 from qtraj.design.proof.certificate import require_float64
+from qtraj.design.timing.speed_ratio import require_zero_allowed
 from qtraj.design.tuning_route import along
 from qtraj.design.tuning_route.scales import is_shifted
 from qtraj.foundation.argument import described
@@ -40,8 +41,9 @@ def limited(limits: Limits, objective: str) -> tuple[str, ...]:
     """Return the names of the limits; raise a ValueError if they do not suit the objective."""
     bounds = limits.given()
     require_suitable(tuple(bounds), objective)
+    require_zero_allowed(bounds, "tune_route")
     for name, bound in bounds.items():
-        if isinstance(bound, Ellipse):  # it has positive half-axes
+        if isinstance(bound, OfSpeed):
             continue
         known, shifted = concrete(numbers(bound)), is_shifted(name) and not along.changes(limits)
         if (

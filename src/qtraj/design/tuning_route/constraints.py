@@ -8,7 +8,7 @@ horizontal and the vertical distance from the original path at equal fractions o
 The limits are formulas of r', r'' and r''', the derivatives of the path with respect to u = t/h. The square of a
 quantity is proportional to h⁻²ᵖ, where p is the power of 1/s in its unit, which gives its derivatives with respect to
 the duration h. In the unit of time h, gravity is g h², so formulas that contain it depend on h in addition, and so do
-limits that depend on the speed (see `by_speed`).
+limits that depend on the speed (see `speed_ratio`).
 """
 
 from typing import Any, NamedTuple
@@ -17,8 +17,8 @@ import numpy as np
 from jaxtyping import Float
 
 from qtraj.algebra.jets import coordinates, sqrt
+from qtraj.design.timing.speed_ratio import SpeedEllipse, WithSpeed, value_of
 from qtraj.design.tuning_route import basis
-from qtraj.design.tuning_route.by_speed import OfNodes, SpeedEllipse, relative_limit, value_of
 from qtraj.design.tuning_route.problem import RouteProblem, Segments, joined
 from qtraj.foundation.namespace import matmul, xp
 from qtraj.path.clearance_quantity import names_obstacle
@@ -105,17 +105,21 @@ def contain_position(names: tuple[str, ...]) -> bool:
     return any(names_obstacle(name) or quantity(name).position for name in names)
 
 
-def _ratio(entry: PathQuantity, i: Invariants, shift: Any, by_speed: OfNodes, h: Any) -> Any:
-    if isinstance(by_speed, SpeedEllipse):
-        return by_speed.square(i, h)
+def _ratio(entry: PathQuantity, i: Invariants, shift: Any, by_speed: WithSpeed | None, h: Any) -> Any:
+    if by_speed is not None:
+        return _ratio_by_speed(entry, i, by_speed, h)
     above, below = entry.numerator(i), 1.0 if entry.denominator is None else entry.denominator(i)
     if _is_signed(entry):
-        signed = entry.side * above / below + shift
-        return signed if by_speed is None else signed / relative_limit(by_speed, i, h)
-    if by_speed is not None:
-        limit = relative_limit(by_speed, i, h)
-        below = limit * limit * below
+        return entry.side * above / below + shift
     return below / above if entry.lower else above / below
+
+
+def _ratio_by_speed(entry: PathQuantity, i: Invariants, limit: WithSpeed, h: Any) -> Any:
+    per_time = 1.0 / (h * h)
+    if isinstance(limit, SpeedEllipse):
+        return limit.square(i, i.S * per_time) * (per_time * per_time)
+    found, most = _ratio(entry, i, 0.0, None, h), limit.at(i.S * per_time)
+    return found / most if _is_signed(entry) else found / (most * most)
 
 
 def road_at(problem: RouteProblem, nodes: int) -> Any:

@@ -11,6 +11,7 @@ from qtraj.design.limits import Limits, limits_of, require_limits
 from qtraj.design.obstacles.clear import clears
 from qtraj.design.obstacles.keep_out import checked, refuse_obstacles
 from qtraj.design.proof.certificate import UNDEFINED
+from qtraj.design.timing.speed_ratio import all_with_speed
 from qtraj.design.tuning_route import along, around, circuit, roads, rounds, target
 from qtraj.design.tuning_route.arguments import (
     fixed_states,
@@ -19,7 +20,6 @@ from qtraj.design.tuning_route.arguments import (
     require_differentiable,
     require_route,
 )
-from qtraj.design.tuning_route.by_speed import of_nodes
 from qtraj.design.tuning_route.curves import largest_of
 from qtraj.design.tuning_route.problem import RouteProblem
 from qtraj.design.tuning_route.remedy import Change, remedy
@@ -201,7 +201,7 @@ def _solution(
     def posed(bounds: np.ndarray, held: np.ndarray, objective: str, kept: bool) -> RouteProblem:
         every = np.append(bounds, np.ones(len(own)))
         problem = problem_of(given, names, every, widths, held, objective, kept, closed, road, origin)
-        problem = problem._replace(by_speed=of_nodes(limits.given(), bounds))
+        problem = problem._replace(by_speed=all_with_speed(limits.given(), bounds))
         return around.with_obstacles(problem, own)
 
     problem = posed(bounds, held, objective, objective == "smoothest")
