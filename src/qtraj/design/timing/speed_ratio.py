@@ -20,6 +20,10 @@ from qtraj.foundation.arrays import concrete
 from qtraj.path.frenet import Invariants
 from qtraj.path.quantity import quantity
 
+ROUNDED = 1e-3
+"""A kink is rounded off over this fraction of the shorter line next to it: if the speed of an optimum is at a kink, the
+limits are stricter there than the exact ones by at most this order."""
+
 SMALLEST = 0.5
 """The rounded curve is at least this multiple of the smallest limit, so that it is positive."""
 
@@ -29,7 +33,7 @@ class SpeedLimit:
 
     def __init__(self, limit: BySpeed, side: int, size: float = 1.0):
         """Store the rounded curve of a limit on one `side` that allows zero at every speed."""
-        self._curve = curve_of(limit, np.ones((1, 1)), side).scaled(1 / size)
+        self._curve = curve_of(limit, np.ones((1, 1)), side, ROUNDED).scaled(1 / size)
         self._least = SMALLEST * abs(limit.strictest(side)) / size
 
     def __getitem__(self, index: Any) -> SpeedLimit:

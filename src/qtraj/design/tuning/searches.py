@@ -11,6 +11,7 @@ from jaxtyping import Float, Int
 
 from qtraj.algebra.jets import Jet, coordinates, sqrt
 from qtraj.algebra.polynomial import taylor_terms
+from qtraj.design.timing.speed_ratio import WithSpeed
 from qtraj.design.tuning import constraints
 from qtraj.design.tuning.constraints import Place, Units
 from qtraj.design.tuning.problem import Formulas, Problem, plain
@@ -106,7 +107,7 @@ class Curves:
         curves.units = taken(self.units, owner)
         return curves
 
-    def within(self, limits: dict[str, Points]) -> "Curves":
+    def within(self, limits: dict[str, Points | WithSpeed]) -> "Curves":
         """Return the curves with other limits."""
         curves = object.__new__(Curves)
         curves.cubics, curves.units = self.cubics, self.units._replace(limits={**self.units.limits, **limits})

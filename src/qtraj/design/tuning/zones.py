@@ -68,6 +68,10 @@ class SpeedZone(NamedTuple):
         """Return the zones of some searches."""
         return self._replace(low=self.low[index], high=self.high[index])
 
+    def limit(self, distance: Float[np.ndarray, "*k batch"]) -> WithSpeed:
+        """Return the limit, which does not depend on the distance [m]."""
+        return self.values[0]
+
 
 AnyZone = Zone | SpeedZone
 
