@@ -199,13 +199,11 @@ def by_speed() -> Figure:
     with mpl.rc_context(RC):
         figure = Figure(figsize=(5.2, 2.6))
         axes = figure.add_axes((0.12, 0.18, 0.85, 0.78))
-        for values, side in zip(np.asarray(curves.values).T, ("lower", "upper"), strict=True):
-            axes.plot(np.asarray(curves.speeds), values, "--", color=VECTOR, lw=1.2, label=f"{side} limit")
-        axes.plot(
-            np.asarray(found.speed), np.asarray(found.longitudinal_acceleration), color=BODY, lw=1.0, label="path"
-        )
+        axes.plot(np.asarray(found.speed), np.asarray(found.longitudinal_acceleration), color=BODY, label="path")
+        for values, label in zip(np.asarray(curves.values).T, ("limits", None), strict=True):
+            axes.plot(np.asarray(curves.speeds), values, "--", color=VECTOR, lw=1.8, label=label)
         axes.set(xlabel="speed [m/s]", ylabel="longitudinal acceleration [m/s²]", xlim=(0, 20), ylim=(-4.6, 3.6))
-        axes.legend(loc="lower right", fontsize=8)
+        axes.legend(loc="center left", fontsize=8)
     return figure
 
 
