@@ -189,6 +189,24 @@ def zones() -> Figure:
     return qt.speed_profile(timed).plot("50 km/h, and 30 km/h from 150 m to 250 m")
 
 
+def by_speed() -> Figure:
+    """The longitudinal acceleration over the speed along the same road, timed within a motor and a brake curve."""
+    points = [[0, 0, 0], [60, 0, 0], [110, 30, 0], [130, 80, 0], [180, 100, 0], [250, 90, 0], [300, 60, 0]]
+    curves = qt.BySpeed([0, 8, 20], lower=[-4, -4, -2.5], upper=[3, 2.5, 0.8])
+    limits = qt.Limits(speed=20.0, lateral_acceleration=3.0, longitudinal_acceleration=curves)
+    timed = qt.retime(qt.Shape.through(points), limits, start_speed=0.0, end_speed=0.0)
+    found = qt.evaluate(timed.path, np.linspace(0, float(timed.duration), 2001), ("speed", "longitudinal_acceleration"))
+    with mpl.rc_context(RC):
+        figure = Figure(figsize=(5.2, 2.6))
+        axes = figure.add_axes((0.12, 0.18, 0.85, 0.78))
+        axes.plot(np.asarray(found.speed), np.asarray(found.longitudinal_acceleration), color=BODY, label="path")
+        for values, label in zip(np.asarray(curves.values).T, ("limits", None), strict=True):
+            axes.plot(np.asarray(curves.speeds), values, "--", color=VECTOR, lw=1.8, label=label)
+        axes.set(xlabel="speed [m/s]", ylabel="longitudinal acceleration [m/s²]", xlim=(0, 20), ylim=(-4.6, 3.6))
+        axes.legend(loc="center left", fontsize=8)
+    return figure
+
+
 def atlas() -> Figure:
     """How fast a bus may enter a corner of 90° that it leaves 25 m from its axis, over the radius at the entry."""
 
@@ -215,6 +233,7 @@ PICTURES: dict[str, Callable[[], Figure]] = {
     "braking": braking,
     "obstacles": obstacles,
     "zones": zones,
+    "by_speed": by_speed,
     "atlas": atlas,
 }
 """The name of each file, and the function that draws it."""

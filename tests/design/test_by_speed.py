@@ -304,15 +304,6 @@ MOTOR = qt.BySpeed([0, 10], upper=[3, 1])
         (lambda: qt.Limits(lateral_acceleration=qt.BySpeed([0, 1], magnitude=[1, -1])), "positive"),
         (lambda: qt.Limits(longitudinal_acceleration=qt.BySpeed([0, 5], [-1, 2], [1, 1])), "at 5 m/s"),
         (lambda: qt.peak(sample_path("route", 1), "combined_acceleration"), "certify"),
-        (lambda: qt.tune_route(sample_path("route", 1), qt.Limits(longitudinal_acceleration=MOTOR)), "retime"),
-        (
-            lambda: qt.tune(
-                qt.BoundaryState([20, 0, 0], [0, 6, 0]),
-                qt.BoundaryState([0, 20, 0], [-6, 0, 0]),
-                qt.Limits(combined_acceleration=qt.Ellipse(1, 1, 1)),
-            ),
-            "retime",
-        ),
         (
             lambda: jax.grad(
                 lambda v: qt.retime(LINE, qt.Limits(speed=9, longitudinal_acceleration=MOTOR), v).duration

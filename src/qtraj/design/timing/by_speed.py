@@ -50,13 +50,16 @@ class Curve(NamedTuple):
         return self._replace(start=self.start * factor, slopes=self.slopes * factor)
 
 
-def curve_of(limit: BySpeed, pace: Float[Any, "*nodes"], side: int = 1) -> Curve:
-    """Return a limit as a curve that is nowhere less strict on this `side`."""
+def curve_of(limit: BySpeed, pace: Float[Any, "*nodes"], side: int = 1, rounded: float = ROUNDED) -> Curve:
+    """Return a limit as a curve that is nowhere less strict on this `side`.
+
+    Hinges are rounded off over the fraction `rounded` of the shorter line next to them.
+    """
     v, f = (np.asarray(x, float) for x in (limit.speeds, limit.values))
     slopes = side * np.diff(np.concatenate([[0.0], np.diff(f) / np.diff(v), [0.0]]))
     lengths = np.diff(v, prepend=0.0)
     shorter = np.minimum(np.where(lengths > 0, lengths, np.inf), np.append(lengths[1:], np.inf))
-    widths = ROUNDED * np.where(np.isfinite(shorter), shorter, 1.0)
+    widths = rounded * np.where(np.isfinite(shorter), shorter, 1.0)
     shape = (-1, *[1] * pace.ndim)
     widths = np.where(slopes < 0, widths, -widths)
     slopes, speeds, widths = (np.broadcast_to(x.reshape(shape), (v.size, *pace.shape)) for x in (slopes, v, widths))

@@ -12,10 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int
 
-from qtraj.design.ellipse import OfSpeed
-from qtraj.design.limit_checks import refuse_changing
 from qtraj.design.limits import Limits, require_limits
 from qtraj.design.own_limits import require_reduced
+from qtraj.design.timing.speed_ratio import require_zero_allowed
 from qtraj.design.tuning import inside
 from qtraj.design.tuning.motions.motion import AbstractMotion
 from qtraj.design.tuning.objectives.objective import AbstractObjective
@@ -53,9 +52,8 @@ def require_choices(
     """Raise a ValueError if arguments contradict each other; `has_duration` is true if the user passed a duration."""
     require_states(start, end)
     require_limits(limits)
-    by_speed = {name: x for name, x in limits.given().items() if isinstance(x, OfSpeed)}
-    refuse_changing(by_speed, "tune", "retime supports it for a route, such as Route.from_path(path)")
     user_limits = limits.given()
+    require_zero_allowed(user_limits, "tune")
     require_reduced(user_limits, "tune")
     if limits.on_forces and limits.vehicle is not None and limits.vehicle.has_left:
         raise ValueError(

@@ -19,6 +19,7 @@ from qtraj.algebra.jets import cos, exp, log, replaced, sin, sqrt
 from qtraj.algebra.polynomial import taylor_terms
 from qtraj.algebra.sparse import mul
 from qtraj.design.one_sided import scale_and_shift
+from qtraj.design.timing.speed_ratio import SpeedEllipse, WithSpeed
 from qtraj.design.tuning import clearances
 from qtraj.design.tuning.clearances import Clearances
 from qtraj.design.tuning.problem import Formulas
@@ -146,6 +147,8 @@ def value(name: str, at: Place, i: Invariants, by: Units, u: Any) -> Any:
 def _limit_value(own: _Entry, i: Invariants, by: Units) -> Any:
     """Return the constraint value of a limit on a quantity."""
     entry, name = own.entry, own.entry.name
+    if isinstance(by.limits[name], WithSpeed):
+        return _value_by_speed(own, i, by)
     if entry.bounds_side:
         return _side_value(own, i, by)
     g = _log_ratio(entry.numerator(i), None if entry.denominator is None else entry.denominator(i))
@@ -155,6 +158,18 @@ def _limit_value(own: _Entry, i: Invariants, by: Units) -> Any:
     constant = own.length * log(by.length) - log(by.limits[name])
     g = g + (constant if own.per_time == 0 else constant - by.log_duration * float(own.per_time))
     return -g if entry.lower else g
+
+
+def _value_by_speed(own: _Entry, i: Invariants, by: Units) -> Any:
+    """Return the constraint value of a limit on an acceleration that depends on the speed."""
+    entry, limit = own.entry, by.limits[own.entry.name]
+    unit = log(by.length) - by.log_duration * 2.0
+    square = i.S * (exp(by.log_duration * -2.0) * (by.length * by.length))
+    if isinstance(limit, SpeedEllipse):
+        return _log_ratio(limit.square(i, square), None) * 0.5 + unit
+    above = entry.side * entry.numerator(i) if entry.bounds_side else entry.numerator(i)
+    g = _log_ratio(above, None if entry.denominator is None else entry.denominator(i))
+    return (g if entry.signed else g * 0.5) + unit - log(limit.at(square))
 
 
 def _side_value(own: _Entry, i: Invariants, by: Units) -> Any:

@@ -17,6 +17,7 @@ from qtraj.design.tuning.peaks import Peaks
 from qtraj.design.tuning.problem import Problem
 from qtraj.design.tuning.searches import CurveJets, Searches
 from qtraj.design.tuning.zone_model import expand_in_zone
+from qtraj.design.tuning.zones import AnyZone, SpeedZone
 
 LOOSE = -0.7
 """Below this value, a constraint is expressed by ½((value/limit)² − 1).
@@ -79,9 +80,7 @@ def build(searches: Searches, z: Float[np.ndarray, "n batch"], peaks: Peaks) -> 
         own = np.flatnonzero(peaks.limit == k)
         if own.size:
             owner, rank = peaks.owner[own], peaks.rank[own]
-            moves = ~(peaks.fixed[own] | peaks.edge[own])
-            expanded = expand_in_zone(curves, zone, owner, peaks.time[own], moves)
-            g, gradient, hessian = _loosened(peaks.value[own], *expanded[1:])
+            g, gradient, hessian = _loosened(peaks.value[own], *_in_zone(curves, zone, Peaks(*(x[own] for x in peaks))))
             value[rank, owner], slopes[rank, :, owner] = g, gradient.T
             curvatures[rank, :, :, owner] = np.moveaxis(hessian, 2, 0)
     return Model(slope, curvature, value, slopes, curvatures, limit, time, fixed)
@@ -124,12 +123,26 @@ def _rows(
     return peaks.value, gradient, np.zeros((curves.n, curves.n, peaks.value.size))
 
 
+def _in_zone(curves: CurveJets, zone: AnyZone, peaks: Peaks) -> tuple[np.ndarray, np.ndarray]:
+    """Return the gradients and the Hessians in z of the constraints in a zone, at peaks and at fixed points."""
+    owner, time = peaks.owner, peaks.time
+    if isinstance(zone, SpeedZone):
+        return _expanded(curves, zone.name, owner, time, peaks.value, peaks.fixed, zone.values[0])[1:]
+    return expand_in_zone(curves, zone, owner, time, ~(peaks.fixed | peaks.edge))[1:]
+
+
 def _expanded(
-    curves: CurveJets, name: str, owner: np.ndarray, time: np.ndarray, value: np.ndarray, fixed: np.ndarray
+    curves: CurveJets,
+    name: str,
+    owner: np.ndarray,
+    time: np.ndarray,
+    value: np.ndarray,
+    fixed: np.ndarray,
+    limit: Any = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the constraint values of one limit at peaks and at fixed times, and their gradients and Hessians in z."""
     n = curves.n
-    g = curves.expand(name, owner, time)
+    g = curves.expand(name, owner, time, limit=limit)
     rate, second, mixed = g.gradient[n], g.hessian[n, n], g.hessian[:n, n]
     inner = ~fixed & (time > 0) & (time < 1) & (second < 0)
     drift = np.where(inner, -mixed / np.where(inner, second, 1.0), 0.0)

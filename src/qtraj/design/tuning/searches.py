@@ -11,10 +11,11 @@ from jaxtyping import Float, Int
 
 from qtraj.algebra.jets import Jet, coordinates, sqrt
 from qtraj.algebra.polynomial import taylor_terms
+from qtraj.design.timing.speed_ratio import WithSpeed
 from qtraj.design.tuning import constraints
 from qtraj.design.tuning.constraints import Place, Units
 from qtraj.design.tuning.problem import Formulas, Problem, plain
-from qtraj.design.tuning.zones import Zone
+from qtraj.design.tuning.zones import AnyZone
 from qtraj.path.clearance_quantity import names_obstacle
 from qtraj.path.frenet import Invariants
 
@@ -37,7 +38,7 @@ class Searches:
     high: Float[np.ndarray, "n batch"]
     weight: Batch
     level: bool
-    zones: tuple[Zone, ...] = ()
+    zones: tuple[AnyZone, ...] = ()
 
     @cached_property
     def formulas(self) -> Formulas:
@@ -106,7 +107,7 @@ class Curves:
         curves.units = taken(self.units, owner)
         return curves
 
-    def within(self, limits: dict[str, Points]) -> "Curves":
+    def within(self, limits: dict[str, Points | WithSpeed]) -> "Curves":
         """Return the curves with other limits."""
         curves = object.__new__(Curves)
         curves.cubics, curves.units = self.cubics, self.units._replace(limits={**self.units.limits, **limits})
@@ -254,7 +255,7 @@ def _in_both(cubic: Sequence[Any], u: Points, order: int, n: int) -> list[Any]:
 
 
 def searches_of(
-    problem: Problem, limits: dict[str, Any], low: Any, high: Any, zones: tuple[Zone, ...] = ()
+    problem: Problem, limits: dict[str, Any], low: Any, high: Any, zones: tuple[AnyZone, ...] = ()
 ) -> Searches:
     """Return the searches of a batch of problems with leading batch axes, from concrete arrays."""
     problem, limits, low, high = jax.tree.map(

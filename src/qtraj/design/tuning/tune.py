@@ -95,7 +95,8 @@ def tune(
 
     Limits may change along the way (`Along`, with the method "sqp"): they hold between distances along the path that is
     being tuned. `Regions` become limits along the initial path; if the tuned path violates them, they become limits
-    along this path, and the path is tuned again.
+    along this path, and the path is tuned again. Limits that depend on the speed (`BySpeed`, `Ellipse`) need "sqp",
+    too, and must allow zero at every speed.
 
     Obstacles in `limits.keep_out` are avoided by the whole `body`. Further searches start on both sides of the three
     obstacles nearest to the initial path: outside and inside, above and below. Obstacles may move; all problems of a

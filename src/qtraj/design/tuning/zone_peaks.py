@@ -19,7 +19,7 @@ from qtraj.design.tuning.maxima import (
 )
 from qtraj.design.tuning.searches import Curves
 from qtraj.design.tuning.travelled import Travelled
-from qtraj.design.tuning.zones import Zone
+from qtraj.design.tuning.zones import AnyZone, SpeedZone
 from qtraj.path.quantity import quantity
 
 INNER = slice(8, NODES - 8, 8)
@@ -32,7 +32,7 @@ NEXT = 1e-6
 """A peak that is closer to an end of its zone than this fraction of the duration is the end."""
 
 ROUNDS = 6
-"""Number of parabolas by which the peak of a limit that changes linearly is refined."""
+"""Number of parabolas by which the peak of a limit that changes linearly or with the speed is refined."""
 
 
 class ZonePeaks(NamedTuple):
@@ -45,7 +45,9 @@ class ZonePeaks(NamedTuple):
     edge: bool
 
 
-def zone_peaks(zone: Zone, curves: Curves, travelled: Travelled) -> tuple[Float[np.ndarray, " batch"], list[ZonePeaks]]:
+def zone_peaks(
+    zone: AnyZone, curves: Curves, travelled: Travelled
+) -> tuple[Float[np.ndarray, " batch"], list[ZonePeaks]]:
     """Return the largest constraint value of each search in a zone, and the peaks, the ends and further instants."""
     order, inside = quantity(zone.name).order, zone.low < travelled.length
     low, high = travelled.times(zone.low), travelled.times(zone.high)
@@ -67,13 +69,14 @@ def zone_peaks(zone: Zone, curves: Curves, travelled: Travelled) -> tuple[Float[
     return largest, found
 
 
-def _tops(zone: Zone, curves: Curves, at: Candidates) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _tops(zone: AnyZone, curves: Curves, at: Candidates) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the searches, the times and the values of the refined maxima."""
     name, owner = zone.name, at.owner
     if not owner.size:
         return owner, np.zeros(0), np.zeros(0)
     if not zone.is_linear:
-        return owner, *refined(name, curves.within({name: zone.values[0]}).at(owner), at, OFFSETS)
+        rounds = ROUNDS if isinstance(zone, SpeedZone) else 1
+        return owner, *refined(name, curves.within({name: zone.values[0]}).at(owner), at, OFFSETS, rounds)
     own, here = zone.take(owner), curves.at(owner)
     travelled, order = Travelled(here, owner.size), quantity(name).order
 

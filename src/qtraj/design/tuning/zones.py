@@ -1,4 +1,4 @@
-"""Limits that change along the way, in a search: zones of the distance, in which a limit is constant or linear.
+"""Limits that change in a search: zones of the distance, in which a limit is constant, linear, or depends on the speed.
 
 The constraint of a zone is the largest constraint value between two distances. While the variables change, so do the
 times at which the path reaches these distances.
@@ -13,7 +13,9 @@ from jaxtyping import Float
 
 from qtraj.design.along import Along
 from qtraj.design.divisors import divisors, reduced as reduced_limits
+from qtraj.design.ellipse import OfSpeed
 from qtraj.design.limits import Limits
+from qtraj.design.timing.speed_ratio import WithSpeed, with_speed
 from qtraj.design.tuning.targets import named_limits, target
 from qtraj.path.quantity import quantity
 
@@ -53,17 +55,41 @@ class Zone(NamedTuple):
         return np.divide(change, self.high - self.low, out=np.zeros_like(change), where=change != 0)
 
 
-def zones_of(limits: Limits, corridor: Any, count: int, length: Float[np.ndarray, " count"]) -> tuple[Zone, ...]:
+class SpeedZone(NamedTuple):
+    """A limit that depends on the speed: one zone over the whole path, with the same fields as `Zone`."""
+
+    name: str
+    low: Float[np.ndarray, " batch"]
+    high: Float[np.ndarray, " batch"]
+    values: tuple[WithSpeed]
+    is_linear: bool = False
+
+    def take(self, index: Any) -> SpeedZone:
+        """Return the zones of some searches."""
+        return self._replace(low=self.low[index], high=self.high[index])
+
+    def limit(self, distance: Float[np.ndarray, "*k batch"]) -> WithSpeed:
+        """Return the limit, which does not depend on the distance [m]."""
+        return self.values[0]
+
+
+AnyZone = Zone | SpeedZone
+
+
+def zones_of(limits: Limits, corridor: Any, count: int, length: Float[np.ndarray, " count"]) -> tuple[AnyZone, ...]:
     """Return the zones of the limits that change along the way; `length` [m] is that of the initial paths."""
     constant = {
         name: np.asarray(x, float) for name, x in (named_limits(limits, corridor) | reduced_limits(limits)).items()
     }
-    found = []
+    found: list[AnyZone] = []
     for name in limits.varying:
         along: Any = limits.given()[name]
         if isinstance(along, Along):
             divisor = np.asarray(divisors([name], limits.road(float))[name], float)
             found += _zones(name, along, constant, divisor, count, length)
+        elif isinstance(along, OfSpeed):
+            limit: Any = with_speed(name, along.scaled(1 - TIGHTER))
+            found.append(SpeedZone(name, np.zeros(count), np.full(count, np.inf), (limit,)))
     return tuple(found)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from qtraj.design.along import Along, Changing
+from qtraj.design.ellipse import Ellipse, OfSpeed
 from qtraj.design.limits import Limits
 from qtraj.design.tuning_route import basis
 from qtraj.design.tuning_route.curves import Curves, largest_of
@@ -21,12 +22,20 @@ ABSENT = 1e4
 """Where there is no limit, the search imposes this multiple of the typical value."""
 
 
+def changes(limits: Limits) -> bool:
+    """Return whether a limit changes along the way."""
+    given = limits.given()
+    return any(not isinstance(given[name], OfSpeed) for name in limits.varying)
+
+
 def typical(limits: Limits) -> Float[np.ndarray, " limits"]:
-    """Return the limits; the strictest value of each limit that changes along the way."""
+    """Return the limits; the strictest value of each limit that changes along the way or with the speed."""
     return np.array([_typical(name, bound) for name, bound in limits.given().items()])
 
 
 def _typical(name: str, bound: Any) -> float:
+    if isinstance(bound, Ellipse):
+        return 1.0
     if not isinstance(bound, Changing):
         return float(np.asarray(bound))
     values, side = np.asarray(bound.values, float), quantity(name).side

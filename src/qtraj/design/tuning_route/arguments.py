@@ -11,6 +11,8 @@ from qtraj.design.ellipse import OfSpeed
 from qtraj.design.limits import Limits, require_limits
 from qtraj.design.own_limits import require_reduced
 from qtraj.design.proof.certificate import require_float64
+from qtraj.design.timing.speed_ratio import require_zero_allowed
+from qtraj.design.tuning_route import along
 from qtraj.design.tuning_route.scales import is_shifted
 from qtraj.foundation.argument import described
 from qtraj.foundation.arrays import concrete, is_traced
@@ -38,15 +40,12 @@ def require_route(route: Any, limits: Any) -> None:
 def limited(limits: Limits, objective: str) -> tuple[str, ...]:
     """Return the names of the limits; raise a ValueError if they do not suit the objective."""
     bounds = limits.given()
+    require_suitable(tuple(bounds), objective)
+    require_zero_allowed(bounds, "tune_route")
     for name, bound in bounds.items():
         if isinstance(bound, OfSpeed):
-            raise ValueError(
-                f"tune_route does not support limits that depend on the speed, but the limit {name} is {bound!r}: pass "
-                "constant limits, or retime the route with this limit"
-            )
-    require_suitable(tuple(bounds), objective)
-    for name, bound in bounds.items():
-        known, shifted = concrete(numbers(bound)), is_shifted(name) and not limits.varying
+            continue
+        known, shifted = concrete(numbers(bound)), is_shifted(name) and not along.changes(limits)
         if (
             not shifted
             and quantity(name).bounds_side

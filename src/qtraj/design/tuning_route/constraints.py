@@ -7,7 +7,8 @@ horizontal and the vertical distance from the original path at equal fractions o
 
 The limits are formulas of r', r'' and r''', the derivatives of the path with respect to u = t/h. The square of a
 quantity is proportional to h⁻²ᵖ, where p is the power of 1/s in its unit, which gives its derivatives with respect to
-the duration h. In the unit of time h, gravity is g h², so formulas that contain it depend on h in addition.
+the duration h. In the unit of time h, gravity is g h², so formulas that contain it depend on h in addition, and so do
+limits that depend on the speed (see `speed_ratio`).
 """
 
 from typing import Any, NamedTuple
@@ -16,6 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from qtraj.algebra.jets import coordinates, sqrt
+from qtraj.design.timing.speed_ratio import SpeedEllipse, WithSpeed, value_of
 from qtraj.design.tuning_route import basis
 from qtraj.design.tuning_route.problem import RouteProblem, Segments, joined
 from qtraj.foundation.namespace import matmul, xp
@@ -80,22 +82,22 @@ def units(problem: RouteProblem, h: Float[Any, " n"], nodes: int) -> Float[Any, 
     return times[:, None] * squares ** (-0.5 * powers)[:, None, None]
 
 
-def ratios(
-    names: tuple[str, ...], r: Any, road: Any = None, h: Any = None, shifts: Any = None, first: int = 1
-) -> list[Any]:
+def ratios(problem: RouteProblem, names: tuple[str, ...], r: Any, h: Any = None) -> list[Any]:
     """Return the square in the constraint of each limit for the derivatives r', r'', … in the array or list `r`.
 
-    The components of each derivative follow each other. They are arrays or jets. `road` contains the parameters of the
-    vehicle and its road, one after the other, if a limit depends on them, and `h` is the duration. If `first` is 0, the
-    position is the first of the derivatives.
+    The components of each derivative follow each other. They are arrays or jets. `h` is the duration, which only some
+    limits need (see `RouteProblem.on_duration`).
     """
-    vehicle = None
+    vehicle, road, shifts = None, road_at(problem, value_of(r[0]).shape[0]), problem.shifts
     if road is not None:
         vehicle = RoadParameters(*road)
         vehicle = vehicle._replace(gravity=h * h * vehicle.gravity)
     rows = [(r[k], r[k + 1], r[k + 2]) for k in range(0, len(r), 3)]
-    i = Invariants([*[None] * first, *rows], None, vehicle, root=sqrt)
-    return [_ratio(quantity(name), i, 0.0 if shifts is None else shifts[k]) for k, name in enumerate(names)]
+    i = Invariants([*[None] * problem.first, *rows], None, vehicle, root=sqrt)
+    by_speed = problem.by_speed or [None] * len(names)
+    return [
+        _ratio(quantity(name), i, 0.0 if shifts is None else shifts[k], by_speed[k], h) for k, name in enumerate(names)
+    ]
 
 
 def contain_position(names: tuple[str, ...]) -> bool:
@@ -103,11 +105,21 @@ def contain_position(names: tuple[str, ...]) -> bool:
     return any(names_obstacle(name) or quantity(name).position for name in names)
 
 
-def _ratio(entry: PathQuantity, i: Invariants, shift: Any) -> Any:
+def _ratio(entry: PathQuantity, i: Invariants, shift: Any, by_speed: WithSpeed | None, h: Any) -> Any:
+    if by_speed is not None:
+        return _ratio_by_speed(entry, i, by_speed, h)
     above, below = entry.numerator(i), 1.0 if entry.denominator is None else entry.denominator(i)
     if _is_signed(entry):
         return entry.side * above / below + shift
     return below / above if entry.lower else above / below
+
+
+def _ratio_by_speed(entry: PathQuantity, i: Invariants, limit: WithSpeed, h: Any) -> Any:
+    per_time = 1.0 / (h * h)
+    if isinstance(limit, SpeedEllipse):
+        return limit.square(i, i.S * per_time) * (per_time * per_time)
+    found, most = _ratio(entry, i, 0.0, None, h), limit.at(i.S * per_time)
+    return found / most if _is_signed(entry) else found / (most * most)
 
 
 def road_at(problem: RouteProblem, nodes: int) -> Any:
@@ -172,7 +184,7 @@ def _values(problem: RouteProblem, s: Segments, fine: bool) -> Float[Any, "const
     if problem.dense:
         r = in_time(r, problem.fine_rates if fine else problem.rates, problem.first)
     names = problem.names[: len(problem.names) - len(problem.clear)]
-    found = ratios(names, r, road_at(problem, r.shape[1]), s.h[None], problem.shifts, problem.first)
+    found = ratios(problem, names, r, s.h[None])
     for k, clear in enumerate(problem.clear):
         own, on = np.zeros(r.shape[1:]), np.flatnonzero(problem.reached[k])
         own[:, on] = clear.value(*(tuple(r[j : j + 3][..., on]) for j in (0, 3)))
@@ -236,11 +248,10 @@ def expand(
     value, rate = np.empty((2, len(unit), *at_nodes))
     slope, second = np.empty((len(unit), *r.shape)), np.zeros((q, *r.shape))
     mixed, twice = np.zeros(r.shape), np.zeros(at_nodes)
-    power, own = time_powers(problem.names), problem.road is not None
+    power, own = time_powers(problem.names), problem.on_duration
     numbers = coordinates(np.concatenate([r, np.broadcast_to(s.h, (1, *at_nodes))]) if own else r)
     names = problem.names[: len(problem.names) - len(problem.clear)]
-    road, h = road_at(problem, r.shape[1]), numbers[q] if own else None
-    found = ratios(names, numbers[:q], road, h, problem.shifts, problem.first)
+    found = ratios(problem, names, numbers[:q], numbers[q] if own else None)
     for k, g in enumerate(found):
         w, stiff, growth = unit[k] * weights[k], stiffness[k], -power[k] / s.h
         value[k], slope[k], rate[k] = unit[k] * g.value, unit[k] * g.gradient[:q], growth * unit[k] * g.value

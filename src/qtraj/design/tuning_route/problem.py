@@ -41,6 +41,7 @@ class RouteProblem(NamedTuple):
     None; `squares` are then those of the sums.
     `local` (limits, fine, n): the squares of limits that change along the way, at the fine nodes; None if no limit
     changes. `road` (parameters, fine, n): the `RoadParameters` there; None if no limit depends on them.
+    `by_speed`: how each limit depends on the speed (see `speed_ratio`), or None.
     `target` (6, 3, n) [m]: the scaled end states of the path in the objective "nearest" minus `ends`; None without one.
 
     The objective is the sum over segments of δᵀ`near`δ + `pace`(h/h₀ − 1)² + `jerk`∫|r⃛|²dt + `time`·h, where δ is the
@@ -88,6 +89,12 @@ class RouteProblem(NamedTuple):
     origins: Any = None
     reached: Any = None
     shifts: Any = None
+    by_speed: Any = None
+
+    @property
+    def on_duration(self) -> bool:
+        """Whether a constraint is not proportional to a power of the duration."""
+        return self.road is not None or self.by_speed is not None
 
     @property
     def first(self) -> int:

@@ -36,7 +36,7 @@ class RouteProgram:
         self.turns = assembly.frames(problem)
         self.moving = np.flatnonzero(problem.moving)
         self.at_nodes = np.count_nonzero(problem.used)
-        at_each = (3 * (order_of(problem.names) + 1 - problem.first) + (problem.road is not None)) ** 2
+        at_each = (3 * (order_of(problem.names) + 1 - problem.first) + problem.on_duration) ** 2
         at_each *= problem.used.shape[1]
         size = min(PART, CACHED // at_each)
         every = np.arange(len(problem.moving))

@@ -190,7 +190,7 @@ def _solved(
         judged = judge(route, given, limits, tube, problem, state.at.z)
         missed |= _violated(program, state.at) & moving
         unproved_ = unproved(judged, names, moving)
-        if problem.local is not None or limits.along_road:  # the search imposes stricter limits than the given ones
+        if limits.varying or limits.along_road:  # the search imposes stricter limits than the given ones
             missed &= unproved_
         open_ = unproved_ & ~missed
         exhausted = state.steps >= most and not (state.done or state.stuck or state.hopeless)

@@ -11,6 +11,7 @@ from qtraj.design.limits import Limits, limits_of, require_limits
 from qtraj.design.obstacles.clear import clears
 from qtraj.design.obstacles.keep_out import checked, refuse_obstacles
 from qtraj.design.proof.certificate import UNDEFINED
+from qtraj.design.timing.speed_ratio import all_with_speed
 from qtraj.design.tuning_route import along, around, circuit, roads, rounds, target
 from qtraj.design.tuning_route.arguments import (
     fixed_states,
@@ -136,12 +137,13 @@ def tune_route(
 
     **Raises:** ValueError for a path that is not a route, a batch (use `jax.vmap`), a traced route in float32, an
     unknown objective, a limit on the natural trihedral (which does not exist on straights), traced arguments with a
-    traced vehicle, limits or a road that change along the way, obstacles or `nearest_to`; inside `jit` and `vmap`, a
-    shape, a traced route with stops of `fit_route`, and a closed route with traced times; "fastest" without a limit
-    that bounds the speed, `nearest_to` with another objective, half-widths that are not positive, a wrong shape, or a
-    `closed` route that does not end where it starts, has only one segment, or has different half-widths at its ends; a
-    fixed end inside an obstacle; for a shape also without widths and tube, with edges nearer than the margins, and
-    without a fastest timing. RuntimeError with `throw` if a limit is not proved to be satisfied.
+    traced vehicle, limits that change along the way or with the speed, a road that changes, obstacles or `nearest_to`;
+    inside `jit` and `vmap`, a shape, a traced route with stops of `fit_route`, and a closed route with traced times;
+    "fastest" without a limit that bounds the speed, `nearest_to` with another objective, half-widths that are not
+    positive, a wrong shape, or a `closed` route that does not end where it starts, has only one segment, or has
+    different half-widths at its ends; a fixed end inside an obstacle; for a shape also without widths and tube, with
+    edges nearer than the margins, and without a fastest timing. RuntimeError with `throw` if a limit is not proved to
+    be satisfied.
     """
     route, limits = in_float64((route, limits))
     if isinstance(route, Shape):
@@ -200,10 +202,11 @@ def _solution(
     def posed(bounds: np.ndarray, held: np.ndarray, objective: str, kept: bool) -> RouteProblem:
         every = np.append(bounds, np.ones(len(own)))
         problem = problem_of(given, names, every, widths, held, objective, kept, closed, road, origin)
+        problem = problem._replace(by_speed=all_with_speed(limits.given(), bounds))
         return around.with_obstacles(problem, own)
 
     problem = posed(bounds, held, objective, objective == "smoothest")
-    if limits.varying:
+    if along.changes(limits):
         local = along.local_squares(route, limits, given.curves, closed, len(own))
         problem = problem._replace(**scales(names, np.append(bounds, np.ones(len(own)))), local=local)
     if nearest_to is not None:
