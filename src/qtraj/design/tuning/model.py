@@ -115,13 +115,19 @@ def _rows(
     """Return the constraints of peaks of limit `k` with gradients and, where `bends` is true, Hessians in z."""
     name = tuple(searches.limits)[k]
     if bends.any():
-        g, gradient, hessian = _expanded(curves, name, peaks.owner, peaks.time, peaks.value, peaks.fixed)
+        g, slopes, hessian = _expanded(curves, name, peaks.owner, peaks.time, peaks.value, peaks.fixed)
+        gradient = slopes
         if not searches.is_clearance[k]:
-            g, gradient, hessian = _loosened(g, gradient, hessian, bends)
-        return g, gradient, np.where(bends, hessian, 0.0)
-    gradient = curves.expand(name, peaks.owner, peaks.time, second=False).gradient
-    gradient = np.where(np.isfinite(gradient).all(axis=0), gradient, 0.0)
+            g, gradient, hessian = _loosened(g, slopes, hessian, bends)
+        # A constraint without Hessian has the gradient that it has below, so that it does not depend on the batch size.
+        return g, np.where(bends, gradient, _finite(slopes)), np.where(bends, hessian, 0.0)
+    gradient = _finite(curves.expand(name, peaks.owner, peaks.time, second=False).gradient)
     return peaks.value, gradient, np.zeros((curves.n, curves.n, peaks.value.size))
+
+
+def _finite(gradient: np.ndarray) -> np.ndarray:
+    """Return the gradients, with zeros instead of those that are not finite."""
+    return np.where(np.isfinite(gradient).all(axis=0), gradient, 0.0)
 
 
 def _expanded(
@@ -134,7 +140,7 @@ def _expanded(
     inner = ~fixed & (time > 0) & (time < 1) & (second < 0)
     drift = np.where(inner, -mixed / np.where(inner, second, 1.0), 0.0)
     # Correct the slope for the distance between the time of the exact peak and the time that the search found.
-    gradient = g.gradient[:n] + drift * rate
+    gradient = g.gradient[:n] + np.where(inner, drift * rate, 0.0)
     hessian = g.hessian[:n, :n] + drift[:, None] * mixed
     return value, gradient, hessian
 
