@@ -1,5 +1,7 @@
 """The fused kernel, interpreted on the CPU, gives the values of XLA, and it can be compiled for a GPU."""
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -182,7 +184,7 @@ def test_what_is_not_elementwise_is_evaluated_by_xla(monkeypatch, path):
 
 def test_numbers_of_instants_have_32_bits():
     arrays, _, _, formulas = request(("velocity",), qt.Natural(), paths=many(count=1))
-    times = lambda n: jax.ShapeDtypeStruct((1, n), jnp.float64)  # noqa: E731
+    times: Any = lambda n: jax.ShapeDtypeStruct((1, n), jnp.float64)  # noqa: E731
     largest = next(n for n in range(2**31, 0, -1) if supports(formulas, arrays, times(n)))
     size, blocks = _reduced_blocks(times(largest))
     assert 2**31 - 2 * size * blocks < largest < 2**31
