@@ -1,5 +1,7 @@
 """The fused kernel, interpreted on the CPU, gives the values of XLA, and it can be compiled for a GPU."""
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -9,7 +11,7 @@ from jax.extend.core import Literal
 
 import qtraj as qt
 from qtraj.batch.executables import _peaks, _worker
-from qtraj.batch.fused_kernel import peaks, sums, supports, written
+from qtraj.batch.fused_kernel import _parts, _reduced_blocks, peaks, sums, supports, written
 from qtraj.batch.instant_formulas import instant_formulas
 from qtraj.batch.kernel_choice import VARIABLE, uses_kernel
 from qtraj.batch.stacking import stacked
@@ -178,6 +180,15 @@ def test_what_is_not_elementwise_is_evaluated_by_xla(monkeypatch, path):
     assert not supports(formulas, arrays, times)
     expected, found = both(monkeypatch, lambda: qt.evaluate(path, jnp.linspace(0.0, 4.5, 40), ("velocity",)).values)
     agree(found, expected)
+
+
+def test_numbers_of_instants_have_32_bits():
+    arrays, _, _, formulas = request(("velocity",), qt.Natural(), paths=many(count=1))
+    times: Any = lambda n: jax.ShapeDtypeStruct((1, n), jnp.float64)  # noqa: E731
+    largest = next(n for n in range(2**31, 0, -1) if supports(formulas, arrays, times(n)))
+    size, blocks = _reduced_blocks(times(largest))
+    assert 2**31 - 2 * size * blocks < largest < 2**31
+    assert _parts(times(largest), size, blocks) * blocks * size <= 2**31
 
 
 def test_no_maximum_of_a_constant_on_accelerators():

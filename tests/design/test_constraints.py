@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 import qtraj as qt
+from qtraj.design.tuning import model as tuning_model
 from qtraj.design.tuning.constraints import ABSENT, MARGIN
 from qtraj.design.tuning.model import build, costs
 from qtraj.design.tuning.motions.registry import MOTIONS
 from qtraj.design.tuning.objectives.registry import OBJECTIVES
-from qtraj.design.tuning.peaks import find_peaks
+from qtraj.design.tuning.peaks import Peaks, find_peaks
 from qtraj.design.tuning.problem import broadcasting, pose
 from qtraj.design.tuning.searches import Curves, Searches, searches_of
 from qtraj.design.tuning.task import Task, constraint_values
@@ -111,6 +112,21 @@ def test_the_highest_peak_is_exact_and_its_derivatives_agree_with_differences(mo
         moved = [build(searches, x, find_peaks(searches, Curves(searches, x))[0]) for x in (z + shift, z - shift)]
         bend = (moved[0].slopes[0] - moved[1].slopes[0]) / (2 * step)
         np.testing.assert_allclose(model.curvatures[0, k], bend, rtol=1e-4, atol=1e-3)
+
+
+def test_a_constraint_without_hessian_does_not_depend_on_the_batch_size(monkeypatch):
+    """The values above 500 are so high that constraints with Hessians have no derivatives."""
+    searches, z = make_searches("hermite", ("curvature",))
+    owner, zeros = np.array([0, 0, 1, 1]), np.zeros(4, int)
+    value, fixed = np.array([600.0, 550.0, 0.02, -2.0]), np.array([False, True, False, True])
+    peaks = Peaks(owner, np.array([0, 1, 0, 1]), zeros, np.linspace(0.3, 0.6, 4), value, fixed, fixed & False)
+    with np.errstate(over="ignore"):
+        together = build(searches, z, peaks)
+        monkeypatch.setattr(tuning_model, "TOGETHER", 0)
+        apart = build(searches, z, peaks)
+    for x, y in zip(together, apart, strict=True):
+        np.testing.assert_allclose(x, y, rtol=1e-12, atol=1e-12)
+    assert np.all(np.abs(together.slopes[1, :, :2]).max(axis=0) > 0)
 
 
 @pytest.mark.parametrize("name", ["torsion", "angular_acceleration"])

@@ -1,5 +1,6 @@
 """A batch in blocks has the values and the order of the batch, and other sizes are not compiled again."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -51,15 +52,55 @@ def test_derivatives_inside_a_trace():
     np.testing.assert_allclose(jax.jit(total)(x), jnp.sum(x**3))
 
 
+@pytest.mark.parametrize("count", [3, 70])
+def test_derivatives_with_respect_to_a_value_in_the_function(count):
+    x = np.arange(float(count))
+    total = lambda c: jnp.sum(qt.in_blocks(lambda x: x * c**2, x))  # noqa: E731
+    np.testing.assert_allclose(jax.grad(total)(2.0), 4 * x.sum())
+    np.testing.assert_allclose(jax.jit(total)(2.0), 4 * x.sum())
+    np.testing.assert_allclose(jax.vmap(total)(jnp.array([1.0, 2.0])), [x.sum(), 4 * x.sum()])
+
+
+def test_a_function_that_contains_arrays():
+    x = np.arange(3.0)
+    scaled = lambda c: qt.in_blocks(eqx.Partial(jnp.multiply, c), x)  # noqa: E731
+    np.testing.assert_array_equal(scaled(jnp.asarray(2.0)), 2 * x)
+    np.testing.assert_allclose(jax.grad(lambda c: jnp.sum(scaled(c)))(2.0), x.sum())
+
+
+def test_concrete_arguments_inside_a_trace():
+    x = np.arange(3.0)
+    double = lambda x: 2 * x  # noqa: E731
+    qt.in_blocks(double, x)
+    np.testing.assert_allclose(jax.jit(lambda c: c * qt.in_blocks(double, x))(3.0), 6 * x)
+
+
+def test_a_traced_cost_is_not_used():
+    x = np.arange(3.0)
+    found = jax.jit(lambda cost: qt.in_blocks(lambda x: 2 * x, x, cost=cost))(np.array([3.0, 1.0, 2.0]))
+    np.testing.assert_allclose(found, 2 * x)
+
+
+@pytest.mark.parametrize("kind", ["threefry2x32", "rbg"])
+def test_random_keys(kind):
+    keys = jax.random.split(jax.random.key(0, impl=kind), 5)
+    found, sample = qt.in_blocks(lambda key: (key, jax.random.key_data(key)), keys, cost=np.arange(5.0)[::-1])
+    assert found.dtype == keys.dtype
+    np.testing.assert_array_equal(jax.random.key_data(found), jax.random.key_data(keys))
+    np.testing.assert_array_equal(sample, jax.random.key_data(keys))
+
+
 @pytest.mark.parametrize(
     ("arguments", "options", "message"),
     [
         ((np.ones(3), np.ones(4)), {}, r"the shapes are \(3,\), \(4,\)"),
-        ((2.0,), {}, "the shapes are none"),
+        ((2.0,), {}, "no argument is an array"),
+        (([1.0, 2.0, 3.0],), {}, r"lists and numbers are not divided: pass jnp.asarray"),
         ((np.ones(0),), {}, "at least one element"),
         ((np.ones(3),), {"block": 0}, "block must be a positive integer, but 0 was given"),
         ((np.ones(3),), {"cost": [1.0, 2.0]}, "one number for each of 3 elements"),
         ((np.ones(3),), {"cost": [1.0, 2.0, np.nan]}, "without NaN"),
+        ((np.ones(3),), {"cost": [[1], [2, 3]]}, "one number for each of 3 elements"),
         ((np.ones(3),), {"cost": ["a", "b", "c"]}, "one number for each of 3 elements"),
     ],
 )

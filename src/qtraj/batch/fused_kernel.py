@@ -22,8 +22,11 @@ THREADS = 128
 BLOCKS = 64
 """Largest number of blocks of `THREADS` instants that one program reduces."""
 
-LARGEST = 2**31
-"""Numbers of instants, counted over all paths, are below this limit, because programs have 32-bit numbers."""
+LARGEST = 2**31 - THREADS * BLOCKS
+"""Numbers of instants, counted over all paths, are below this limit.
+
+Programs have 32-bit numbers, and the instants of the last program of a path are counted beyond the end of the path.
+"""
 
 Times = Float[Array, "rows n"]
 

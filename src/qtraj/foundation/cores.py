@@ -77,4 +77,4 @@ _compiled: set[int] = set()
 
 def _signature(arguments: tuple[Any, ...]) -> Any:
     leaves, structure = jax.tree.flatten(arguments)
-    return structure, tuple((x.shape, x.dtype.name) if isinstance(x, np.ndarray) else x for x in leaves)
+    return structure, tuple((x.shape, x.dtype.name) if isinstance(x, np.ndarray | jax.Array) else x for x in leaves)

@@ -20,9 +20,9 @@ def missed_speeds(wanted: np.ndarray, speeds: np.ndarray, names: Collection[str]
     """
     start, end = speeds < wanted * (1 - REACHED)
     if duration is not None:
-        ends = ("start_speed", "starts", start), ("end_speed", "ends", end)
-        missed = zip(ends, wanted, speeds, strict=True)
-        return " ".join(_too_gentle(*own[:2], *x, duration) for own, *x in missed if own[2])
+        ends = ("start_speed", "starts"), ("end_speed", "ends")
+        rows = zip(ends, wanted, speeds, (start, end), strict=True)
+        return " ".join(_too_gentle(*words, goal, reached, duration) for words, goal, reached, missed in rows if missed)
     texts = []
     if start:
         advice = f"or raise the limits. {_on_braking(names)}"

@@ -114,21 +114,28 @@ def _rows(
     """Return the constraints of peaks of limit `k` with gradients and, where `bends` is true, Hessians in z."""
     name = tuple(searches.limits)[k]
     if bends.any():
-        g, gradient, hessian = _expanded(curves, name, peaks.owner, peaks.time, peaks.value, peaks.fixed)
+        g, slopes, hessian = _expanded(curves, name, peaks.owner, peaks.time, peaks.value, peaks.fixed)
+        gradient = slopes
         if not searches.is_clearance[k]:
-            g, gradient, hessian = _loosened(g, gradient, hessian, bends)
-        return g, gradient, np.where(bends, hessian, 0.0)
-    gradient = curves.expand(name, peaks.owner, peaks.time, second=False).gradient
-    gradient = np.where(np.isfinite(gradient).all(axis=0), gradient, 0.0)
+            g, gradient, hessian = _loosened(g, slopes, hessian, bends)
+        # A constraint without Hessian has the gradient that it has below, so that it does not depend on the batch size.
+        return g, np.where(bends, gradient, _finite(slopes)), np.where(bends, hessian, 0.0)
+    gradient = _finite(curves.expand(name, peaks.owner, peaks.time, second=False).gradient)
     return peaks.value, gradient, np.zeros((curves.n, curves.n, peaks.value.size))
 
 
+<<<<<<< HEAD
 def _in_zone(curves: CurveJets, zone: AnyZone, peaks: Peaks) -> tuple[np.ndarray, np.ndarray]:
     """Return the gradients and the Hessians in z of the constraints in a zone, at peaks and at fixed points."""
     owner, time = peaks.owner, peaks.time
     if isinstance(zone, SpeedZone):
         return _expanded(curves, zone.name, owner, time, peaks.value, peaks.fixed, zone.values[0])[1:]
     return expand_in_zone(curves, zone, owner, time, ~(peaks.fixed | peaks.edge))[1:]
+=======
+def _finite(gradient: np.ndarray) -> np.ndarray:
+    """Return the gradients, with zeros instead of those that are not finite."""
+    return np.where(np.isfinite(gradient).all(axis=0), gradient, 0.0)
+>>>>>>> h6
 
 
 def _expanded(
@@ -147,7 +154,7 @@ def _expanded(
     inner = ~fixed & (time > 0) & (time < 1) & (second < 0)
     drift = np.where(inner, -mixed / np.where(inner, second, 1.0), 0.0)
     # Correct the slope for the distance between the time of the exact peak and the time that the search found.
-    gradient = g.gradient[:n] + drift * rate
+    gradient = g.gradient[:n] + np.where(inner, drift * rate, 0.0)
     hessian = g.hessian[:n, :n] + drift[:, None] * mixed
     return value, gradient, hessian
 

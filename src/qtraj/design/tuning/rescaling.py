@@ -39,7 +39,7 @@ def measured(searches: Searches, z: Float[np.ndarray, "n batch"]) -> Searches:
     with np.errstate(all="ignore"):
         problem, value = searches.problem, values(searches.problem, z)
         alone = dataclasses.replace(problem, scale=np.ones_like(problem.scale))
-        gradient, hessian = _in_blocks(custom.derivatives, alone, z)
+        gradient, hessian = _joined(custom.derivatives, alone, z)
         free = searches.high > searches.low
         slope = np.where(free, np.abs(gradient), 0.0).max(axis=0)
         curvature = np.where(free[:, None] & free, np.abs(hessian), 0.0).max(axis=(0, 1))
@@ -77,10 +77,10 @@ def run(search: Run, searches: Searches, z: Float[np.ndarray, "n batch"], max_st
 
 def values(problem: Problem, z: Float[np.ndarray, "n batch"]) -> Float[np.ndarray, " batch"]:
     """Return the values of the user's objective for a batch of problems."""
-    return _in_blocks(lambda *block: (custom.values(*block),), problem, z)[0]
+    return _joined(lambda *block: (custom.values(*block),), problem, z)[0]
 
 
-def _in_blocks(function: Callable[..., tuple], problem: Problem, z: np.ndarray) -> list[np.ndarray]:
+def _joined(function: Callable[..., tuple], problem: Problem, z: np.ndarray) -> list[np.ndarray]:
     """Call a function of a problem and variables for parts of a batch, and join the results, with the batch last."""
     slices = [slice(k, k + BLOCK) for k in range(0, z.shape[1], BLOCK)]
     parts = [function(jax.tree.map(lambda x, part=part: x[part], problem), z[:, part]) for part in slices]
