@@ -124,18 +124,17 @@ def _rows(
     return peaks.value, gradient, np.zeros((curves.n, curves.n, peaks.value.size))
 
 
-<<<<<<< HEAD
 def _in_zone(curves: CurveJets, zone: AnyZone, peaks: Peaks) -> tuple[np.ndarray, np.ndarray]:
     """Return the gradients and the Hessians in z of the constraints in a zone, at peaks and at fixed points."""
     owner, time = peaks.owner, peaks.time
     if isinstance(zone, SpeedZone):
         return _expanded(curves, zone.name, owner, time, peaks.value, peaks.fixed, zone.values[0])[1:]
     return expand_in_zone(curves, zone, owner, time, ~(peaks.fixed | peaks.edge))[1:]
-=======
+
+
 def _finite(gradient: np.ndarray) -> np.ndarray:
     """Return the gradients, with zeros instead of those that are not finite."""
     return np.where(np.isfinite(gradient).all(axis=0), gradient, 0.0)
->>>>>>> h6
 
 
 def _expanded(
