@@ -72,16 +72,16 @@ def largest(
     return LARGEST * (length * rate) ** 2 / xp.maximum(square, STANDING**2 * highest)
 
 
-def unbounded(program: Program, a: Float[Any, "batch 2 cells+1"], stops: Bool[Any, " 2"]) -> Bool[Any, " batch"]:
+def unbounded(program: Program, a: Float[Any, "batch 2 cells+1"], slow: Bool[Any, " 2"]) -> Bool[Any, " batch"]:
     """Return whether the speed is unbounded, or the solution `a` exceeds half of `program.largest` at some node.
 
-    `a` contains u̇² at the nodes. `stops` indicates whether r' = 0 at the start and at the end.
+    `a` contains u̇² at the nodes. `slow` indicates whether r' = 0, or the speed is fixed, at the start and at the end.
     """
     c: Constraints = jax.tree.map(_in_order, program.constraints)
     of_nodes = program.largest, program.nodes.place, program.nodes.standing
     most, place, standing = map(_in_order, of_nodes)
     at_end = np.zeros(place.shape, bool)
-    at_end[0], at_end[-1] = stops
+    at_end[0], at_end[-1] = slow
     low, high = _slopes(c, most)
     possible = (c.upper <= 2 / most) & (standing == 0) & ~at_end & (low <= high)
     if c.jerk is not None:

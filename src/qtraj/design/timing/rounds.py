@@ -121,7 +121,8 @@ def searched(
                 places = jax.tree.map(lambda x, goes_on=goes_on: x[..., goes_on, :, :], places)
             if not which.size:
                 break
-        free = unbounded(program, program.at_nodes(state.coefficients)[0], stops)
+        slow = stops | np.array([x is not None for x in held])
+        free = unbounded(program, program.at_nodes(state.coefficients)[0], slow)
     nodes = (np.moveaxis(x, 1, 0) for x in (*state[1:3], used, usage))
     slack, multiplier, used, usage = nodes
     return Result(state.coefficients, slack, multiplier, *state[3:], used, usage, free)

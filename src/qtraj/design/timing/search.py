@@ -131,7 +131,7 @@ def drafted(problem: Problem, t: Tables, start: Float[np.ndarray, " cells+3"] | 
 def completed(d: Draft) -> Found:
     """Compute all further searches after a draft."""
     with np.errstate(all="ignore"):
-        search = functools.partial(searched, d.tables, d.problem.stops, d.result)
+        search = functools.partial(searched, d.tables, d.problem.stops, d.result, held=d.problem.held)
         return _found(d, on_host(search, shapes(d.program, d.places), d.program[1:], d.places))
 
 
