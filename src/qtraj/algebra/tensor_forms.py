@@ -95,7 +95,7 @@ def in_floats(polynomial: BoundedPolynomial, degrees: Sequence[int]) -> Form:
     """Return the form of a polynomial with its values at the nodes as columns; the last parameter changes fastest."""
     values, errors = polynomial.bernstein()
     shape = [len(values), *(d + 1 for d in degrees)]
-    b, e = values.reshape(shape), errors.reshape(shape[1:])[None]
+    b, e = values.reshape(shape), errors.reshape(shape)
     size = np.abs(b) * (SLACK * UNIT * sum(d + 4 for d in degrees)) + e
     for axis, degree in enumerate(degrees, start=1):
         matrix = _from_values(degree)[0]
