@@ -54,7 +54,7 @@ class BoxCertificate(AbstractOutcome):
     def __init__(
         self,
         names: Sequence[str],
-        box: "Box",
+        box: Box,
         codes: ArrayInput,
         times: ArrayInput,
         deviations: ArrayInput,

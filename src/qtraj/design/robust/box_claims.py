@@ -90,6 +90,8 @@ class BoxClaims:
 
     def divisor(self, name: str) -> BoxDecision:
         """Decide whether a divisor of a quantity is positive at all times on all paths of the box."""
+        if name == "level" and (stops := self.divisor("speed")).refuted:
+            return stops  # the horizontal speed is compared with the speed, which proves nothing if both are zero
         if name not in self._divisors:
             length = self.family.source.length[0]
             found = self._decided(

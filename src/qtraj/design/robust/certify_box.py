@@ -230,7 +230,7 @@ def require_box_limits(limits: Limits, box: Box, what: str) -> None:
         )
     if not masses_of(vehicle.mass, box).low > 0:
         raise ValueError(
-            f"the mass {float(np.asarray(vehicle.mass)):g} kg must stay positive, and its lowest value must be more than "
+            f"the mass {float(np.asarray(vehicle.mass)):g} kg must stay positive, and its lowest value must be at least "
             "1e-10 of the highest one: make its interval smaller"
         )
 
