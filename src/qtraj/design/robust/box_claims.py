@@ -20,8 +20,11 @@ from qtraj.design.robust.family import Family
 from qtraj.path.path_quantity import PathQuantity
 from qtraj.path.road_parameters import RoadParameters
 
-MAX_NODES = 3000
-"""Largest number of nodes at which formulas are evaluated in integers; each takes 1 to 10 ms."""
+MAX_WORK = 400_000_000
+"""Largest work to evaluate formulas in integers, about 20 s: the number of nodes times (coefficients in the time)³.
+
+One node takes 2.5 ms with 31 coefficients, 25 ms with 73, and 130 to 240 ms with 139.
+"""
 
 MAX_NUMBERS = 4_000_000
 """Largest number of coefficients of a form in floats."""
@@ -126,7 +129,7 @@ class BoxClaims:
             forms = [in_floats(_of_all(p, count), degrees) for p in floats.polynomials]
 
         def exact_forms() -> list[Form] | None:
-            if count > MAX_NODES:
+            if count * max(len(f.numbers) for f in forms) ** 3 > MAX_WORK:
                 return None
             points = list(product(*(nodes(d) for d in degrees)))
             claims = [of_integers(self._in_integers(order, point)) for point in points]

@@ -50,7 +50,7 @@ def certify_box(path: SpiralHelix, limits: Limits, box: Box, *, throw: bool = Fa
     Returns:
         A `BoxCertificate` with a status for each limit: "proved" for all deviations; "broken", with deviations that
         violate it; "undefined", if the speed or another divisor is zero for some deviations; or "undecided", if the
-        quantity touches its limit, or the proof takes too long, as for the angular acceleration and three parameters.
+        quantity touches its limit, or the proof takes too long, as for the angular acceleration and two parameters.
 
     Raises:
         ValueError: For a path of another kind, a batch, limits that change or need another axis, a mass without
@@ -230,7 +230,7 @@ def require_box_limits(limits: Limits, box: Box, what: str) -> None:
         )
     if not masses_of(vehicle.mass, box).low > 0:
         raise ValueError(
-            f"the mass {float(np.asarray(vehicle.mass)):g} kg must stay positive, and its lowest value must be at least "
+            f"the mass {float(np.asarray(vehicle.mass)):g} kg must stay positive, and its lowest value at least "
             "1e-10 of the highest one: make its interval smaller"
         )
 
