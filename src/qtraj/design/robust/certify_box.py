@@ -145,7 +145,7 @@ class BoxProblem(NamedTuple):
             divisor = claims.divisor(entry.divisor)
             if divisor.refuted:  # the quantity itself can then not be proved, which takes longest
                 time = divisor.at[0] * float(np.asarray(self.family.source.duration[0]))
-                return UNDEFINED, Worst(self._deviations(divisor)[0], np.asarray(time), np.nan)
+                return UNDEFINED, Worst(self._deviations(divisor)[0], time, np.nan)
             defined = divisor.proved
         found = claims.limit(entry, bound, factor)
         if found.refuted:
