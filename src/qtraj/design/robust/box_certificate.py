@@ -100,20 +100,7 @@ class BoxCertificate(AbstractOutcome):
         """Describe the result, with the deviations for which a limit is not satisfied."""
         if ResultCode(int(np.asarray(self.code))) == ResultCode.successful:
             return "every limit is proved to be satisfied on the whole path, for all deviations in the box."
-        return self.unmet("Raise the limits, make the box smaller, or tune the path with robust_tune(..., box).")
-
-    def unmet(self, advice: str) -> str:
-        """Describe the limits that are not proved, with `advice` about those that are violated."""
-        unmet = [(k, finding) for k, finding in enumerate(self._as_certificate.findings()) if not finding.met]
-        texts = [f"{x.statement}, for {self._deviations_text(k) or 'the strictest limit'}" for k, x in unmet]
-        statuses = {finding.status for _, finding in unmet}
-        sentences = [advice] if STATUSES[BROKEN] in statuses else []
-        sentences += [text for status, text in ADVICE.items() if status in statuses]
-        return f"{'; '.join(texts)}. {' '.join(sentences)}"
-
-    def _deviations_text(self, k: int) -> str:
-        numbers = zip(self.parameters, np.asarray(self.deviations)[k].tolist(), strict=True)
-        return ", ".join(f"{name} {with_unit(x, UNITS[name])}" for name, x in numbers)
+        return unmet_text(self, "Raise the limits, make the box smaller, or tune the path with robust_tune(..., box).")
 
     def save(self, file: str | os.PathLike[str]) -> None:
         """Write the certificate to a TOML or JSON file without loss of precision; `qtraj.load` reads the file.
@@ -138,3 +125,20 @@ class BoxCertificate(AbstractOutcome):
         findings = self._as_certificate.findings()
         lines = [f"{finding.name} {finding.text}: {finding.status}" for finding in findings]
         return "\n".join([f"for all deviations in the box {text_of(self.box)}:", *lines])
+
+
+def unmet_text(certificate: BoxCertificate, advice: str) -> str:
+    """Describe the limits that are not proved, with `advice` about those that are violated."""
+    c = certificate
+    inner = Certificate(c.names, c.codes, c.times, c.values, c.limits)
+    unmet = [(k, finding) for k, finding in enumerate(inner.findings()) if not finding.met]
+    texts = [f"{x.statement}, for {_deviations_text(c, k) or 'the strictest limit'}" for k, x in unmet]
+    statuses = {finding.status for _, finding in unmet}
+    sentences = [advice] if STATUSES[BROKEN] in statuses else []
+    sentences += [text for status, text in ADVICE.items() if status in statuses]
+    return f"{'; '.join(texts)}. {' '.join(sentences)}"
+
+
+def _deviations_text(certificate: BoxCertificate, k: int) -> str:
+    numbers = zip(certificate.parameters, np.asarray(certificate.deviations)[k].tolist(), strict=True)
+    return ", ".join(f"{name} {with_unit(x, UNITS[name])}" for name, x in numbers)

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from qtraj.design.limits import Limits
-from qtraj.design.robust.box_certificate import BoxCertificate
+from qtraj.design.robust.box_certificate import BoxCertificate, unmet_text
 from qtraj.design.robust.outcome import tightened_text
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.foundation import document
@@ -54,7 +54,7 @@ class BoxTuned(AbstractOutcome):
                 f"Tightened limits: {tightened_text(self.limits)}."
             )
         if self.certificate is not None:
-            unmet = self.certificate.unmet("Raise the limits, or make the box smaller.")
+            unmet = unmet_text(self.certificate, "Raise the limits, or make the box smaller.")
             return f"not converged after {int(self.rounds)} tunings: {unmet}"
         if ResultCode(int(self.code)) == ResultCode.infeasible and self.tuned.converged:
             return "infeasible: the box is too large for the limits. Raise the limits, or make the box smaller."
