@@ -11,8 +11,12 @@ from qtraj.algebra.degrees import Degrees
 from qtraj.algebra.exact import ExactPolynomial
 from qtraj.algebra.surd import Claim
 from qtraj.algebra.tensor_forms import in_floats, in_integers, nodes
+from qtraj.design.proof.certificate import BROKEN, UNDECIDED
+from qtraj.design.robust.box_certificate import BoxCertificate
+from qtraj.design.robust.box_outcome import BoxTuned
 from qtraj.design.robust.certify_box import BoxProblem
 from qtraj.design.robust.family import Family
+from qtraj.foundation.document import save
 
 START, END = qt.BoundaryState([20, 0, 0], [0, 6, 0]), qt.BoundaryState([0, 22, 1], [-6, 0, 0.2])
 BUS = qt.Vehicle(mass=9000.0)
@@ -116,6 +120,11 @@ CASES = [
     (qt.Limits(friction=1.0, vehicle=BUS), qt.Box(start_speed=0.2, mass=(-100, 1000))),
     (qt.Limits(power=1e6, vehicle=BUS), qt.Box(end_speed=0.2, mass=(0, 1000))),
     (qt.Limits(height=(None, 3.0)), qt.Box(end_axial_position=0.3)),
+    pytest.param(
+        qt.Limits(curvature=0.1),
+        qt.Box(start_speed=0.1, end_speed=0.1, start_radial_speed=0.1),
+        marks=pytest.mark.slow,  # exact polynomials at about 1200 nodes, for each of three decisions
+    ),
 ]
 
 
@@ -168,12 +177,47 @@ def test_a_tilted_axis_and_one_that_points_down():
     assert not qt.certify_box(down, qt.Limits(slope=(0.1, None)), box).holds
 
 
-def test_where_the_speed_vanishes_a_quantity_is_undefined():
+@pytest.mark.parametrize(
+    ("name", "lowest"),
+    [
+        ("lateral_acceleration", -0.2),
+        ("yaw_rate", -0.2),
+        pytest.param("yaw_rate", -0.33, marks=pytest.mark.slow),  # floats cannot decide where the speed touches zero
+    ],
+)
+def test_where_the_speed_vanishes_a_quantity_is_undefined(name, lowest):
+    """With -0.33 m/s, the speed vanishes at none of the deviations on the grid."""
     path = qt.SpiralHelix([20.0], [0.0, 0.01], [0.0, 0.0], 3.0)
-    found = qt.certify_box(path, qt.Limits(lateral_acceleration=5.0), qt.Box(start_speed=(-0.2, 0.0)))
-    assert found.status["lateral_acceleration"] == "undefined"
+    found = qt.certify_box(path, qt.Limits(**{name: 5.0}), qt.Box(start_speed=(lowest, 0.0)))
+    assert found.status == {name: "undefined"}
     with pytest.raises(RuntimeError, match="make the box smaller"):
         found.check()
+
+
+def test_masses_that_are_added_by_rounding_break_no_limit(path):
+    box, vehicle = qt.Box(mass=(-100.3, 200.7)), qt.Vehicle(1500.0)
+
+    def status(limit):
+        return qt.certify_box(path, qt.Limits(lateral_force=limit, vehicle=vehicle), box).status["lateral_force"]
+
+    problem = BoxProblem.of(path, qt.Limits(lateral_force=1e9, vehicle=vehicle), box)
+    worst = float(problem.values(box.highest[None])[1].item())
+    assert [status(worst * (1 + e)) for e in (-1e-9, 1e-12, 1e-9)] == ["broken", "undecided", "proved"]
+
+
+def test_an_undecided_limit_has_advice_of_its_own(path):
+    box = qt.Box(start_speed=0.1)
+    found = BoxCertificate(["speed"], box, [UNDECIDED], [1.0], [[0.1]], [6.0], [6.0])
+    assert found.status == {"speed": "undecided"}
+    assert "divide the box" in found.result
+    assert "robust_tune" not in found.result
+    broken = BoxCertificate(["speed"], box, [BROKEN], [1.0], [[0.1]], [7.0], [6.0])
+    assert "robust_tune" in broken.result
+    tuned = qt.tune(START, END, qt.Limits(speed=8.0), motion="hermite", starts=1)
+    for each in (found, broken):
+        text = BoxTuned(tuned, qt.Limits(speed=8.0), each, 2, 20).result
+        assert "not converged after 2 tunings" in text
+        assert "robust_tune" not in text
 
 
 def test_tunings_are_proved_and_at_their_limits():
@@ -196,9 +240,15 @@ def test_a_box_that_is_too_large_is_infeasible_with_advice():
 def test_results_are_saved(path, tmp_path):
     box = qt.Box(start_speed=(-0.1, 0.2), limits={"speed": 0.1})
     found = qt.certify_box(path, qt.Limits(speed=8.0), box)
-    for each, name in ((box, "box.json"), (found, "found.toml")):
-        each.save(tmp_path / name) if hasattr(each, "save") else None
-    assert qt.load(tmp_path / "found.toml").result == found.result
+    save(box, tmp_path / "box.json")
+    found.save(tmp_path / "found.toml")
+    loaded = qt.load(tmp_path / "found.toml")
+    assert loaded.result == found.result
+    for each in (qt.load(tmp_path / "box.json"), found.box, loaded.box):
+        assert (each.intervals, each.limits) == (box.intervals, box.limits)
+        assert each.intervals["start_speed"] == (-0.1, 0.2)
+    assert "start_speed -0.1 m/s to 0.2 m/s" in found.to_xarray().attrs["box"]
+    assert "limit on speed -0.1 m/s to 0.1 m/s" in str(loaded)
     assert float(found.to_xarray().worst_start_speed[0]) == pytest.approx(0.2)
     assert "proved" in str(found)
 
@@ -210,6 +260,10 @@ def test_results_are_saved(path, tmp_path):
         (lambda: qt.Box(start_speed=-0.1), "a number of 0 or more"),
         (lambda: qt.Box(start_speed=(0.1, np.nan)), "a finite number b"),
         (lambda: qt.Box(start_speed="fast"), "a finite number b"),
+        (lambda: qt.Box(start_speed=True), "a finite number b"),
+        (lambda: qt.Box(start_speed=(False, True)), "a finite number b"),
+        (lambda: qt.Box(limits=0.3), "limits must be a dictionary of deviations"),
+        (lambda: qt.Box(intervals=0.3), "intervals must be a dictionary of deviations"),
         (lambda: qt.Box(duration=0.1), "duration is not a parameter of a Box: the duration is fixed"),
         (lambda: qt.Box(friction=0.1), "pass limits="),
         (lambda: qt.Box(start_position=0.1), "only axial positions"),
@@ -227,7 +281,9 @@ def test_results_are_saved(path, tmp_path):
             "air drag contains its inverse",
         ),
         (lambda: box_of(qt.Limits(power=1e4, vehicle=BUS), qt.Box(mass=9e3)), "must stay positive"),
+        (lambda: box_of(qt.Limits(power=1e4, vehicle=BUS), qt.Box(mass=(-9e3 + 1e-9, 200.0))), "must stay positive"),
         (lambda: qt.robust_tune(START, END, qt.Limits(speed=9.0), qt.Box(0.1), 0.9), "only for a Spread"),
+        (lambda: qt.robust_tune(3, 3, qt.Limits(speed=9.0), qt.Box(0.1)), "start must be a BoundaryState"),
     ],
 )
 def test_mistakes_are_named(call, message):

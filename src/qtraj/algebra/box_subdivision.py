@@ -19,7 +19,10 @@ MAX_DEPTH = 80
 """Number of halvings after which a cell is undecided."""
 
 FLOAT_WORK, INTEGER_WORK = (500_000_000, 100_000), (20_000_000, 5_000)
-"""Number of additions after which a pass stops, a second or two, and those that take as long as one cell's overhead."""
+"""Number of additions after which a pass stops, and those that take as long as one cell's overhead.
+
+A pass that decides nothing takes a second or two on most forms.
+"""
 
 USEFUL = 1e-2
 """Largest error of a form, relative to its coefficients, with which floats are tried."""

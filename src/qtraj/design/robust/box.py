@@ -8,10 +8,13 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
+from qtraj.foundation.argument import require_type
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.document import storable
 from qtraj.foundation.shown import shown, shown_html
 from qtraj.foundation.types import ArrayInput
+from qtraj.foundation.units import with_unit
+from qtraj.path.quantity import quantity
 
 Interval = tuple[float, float]
 
@@ -60,6 +63,7 @@ class Box(eqx.Module):
         end_axial_position: As for the start.
         mass: Deviation of the mass of the vehicle in the limits [kg].
         limits: Deviations of limits by name, in the unit of the limit, such as `{"friction": 0.05}`.
+        intervals: More deviations of parameters by name, such as `{"start_speed": (-0.5, 0.5)}`; for `load`.
 
     Raises:
         ValueError: For an interval that is reversed or not finite, no deviation at all, more than three parameters
@@ -89,6 +93,9 @@ class Box(eqx.Module):
         intervals: Mapping[str, Any] | None = None,
         **unknown: Any,
     ):
+        for own, name, example in ((limits, "limits", "friction"), (intervals, "intervals", "start_speed")):
+            expected = f"a dictionary of deviations by name, such as {{{example!r}: 0.05}}"
+            require_type(own, Mapping | None, name, expected)  # pyright: ignore[reportArgumentType]
         given = {name: x for name, x in locals().items() if name in UNITS and x is not None} | dict(intervals or {})
         for name in (*unknown, *given):
             if name not in UNITS:
@@ -132,9 +139,21 @@ def _instead(name: str) -> str:
     return f"its parameters are {', '.join(UNITS)} and limits"
 
 
+def text_of(box: Box) -> str:
+    """Return a description of a box, such as "start_speed -0.5 m/s to 0.5 m/s"."""
+    rows = [(name, x, UNITS[name]) for name, x in box.intervals.items()]
+    rows += [(f"limit on {name}", x, quantity(name).unit) for name, x in box.limits.items()]
+    return ", ".join(f"{name} {with_unit(low, unit)} to {with_unit(high, unit)}" for name, (low, high), unit in rows)
+
+
+def _has_truth_values(x: Any) -> bool:
+    each = x if isinstance(x, list | tuple) else (x,)
+    return any(np.asarray(value).dtype == bool for value in each)
+
+
 def _interval(x: Any, name: str) -> Interval:
     try:
-        array = np.asarray(as_float(x))
+        array = np.full(3, np.nan) if _has_truth_values(x) else np.asarray(as_float(x))
     except (TypeError, ValueError):
         array = np.full(3, np.nan)
     if array.shape not in {(), (2,)} or not np.isfinite(array).all():

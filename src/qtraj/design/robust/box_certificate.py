@@ -11,8 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from qtraj.design.proof.certificate import STATUSES, Certificate
-from qtraj.design.robust.box import UNITS
+from qtraj.design.proof.certificate import BROKEN, STATUSES, UNDECIDED, UNDEFINED, Certificate
+from qtraj.design.robust.box import UNITS, Box, text_of
 from qtraj.foundation import document
 from qtraj.foundation.arrays import as_array, as_float
 from qtraj.foundation.document import storable
@@ -21,13 +21,20 @@ from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.types import ArrayInput
 from qtraj.foundation.units import with_unit
 
+ADVICE = {
+    STATUSES[UNDECIDED]: "For undecided limits, use fewer parameters, or divide the box into smaller ones and certify "
+    "each of them.",
+    STATUSES[UNDEFINED]: "Where a quantity is undefined, omit its limit, or make the box smaller.",
+}
+"""What to do about limits that are neither proved nor violated, by status."""
+
 
 @storable
 class BoxCertificate(AbstractOutcome):
     """The findings on limits for all deviations in a box.
 
     - `names`: the names of the limited quantities.
-    - `parameters`: the names of the parameters that deviate.
+    - `box`: the box of the deviations; `parameters` are the names of its parameters.
     - `codes`: the codes of the statuses; `status` contains them as strings. "proved" is about all deviations in the
       box, "broken" about the reported ones.
     - `times` [s], `deviations` and `values`: the worst value found, at which time, and for which deviations. They come
@@ -37,7 +44,7 @@ class BoxCertificate(AbstractOutcome):
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
-    parameters: tuple[str, ...] = eqx.field(static=True)
+    box: Box
     codes: Int[Array, " n"]
     times: Float[Array, " n"]
     deviations: Float[Array, "n p"]
@@ -47,16 +54,21 @@ class BoxCertificate(AbstractOutcome):
     def __init__(
         self,
         names: Sequence[str],
-        parameters: Sequence[str],
+        box: Box,
         codes: ArrayInput,
         times: ArrayInput,
         deviations: ArrayInput,
         values: ArrayInput,
         limits: ArrayInput,
     ):
-        self.names, self.parameters, self.codes = tuple(names), tuple(parameters), as_array(codes, jnp.int32)
+        self.names, self.box, self.codes = tuple(names), box, as_array(codes, jnp.int32)
         self.times, self.deviations = as_float(times), as_float(deviations)
         self.values, self.limits = as_float(values), as_float(limits)
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """The names of the parameters that deviate."""
+        return self.box.names
 
     @property
     def _as_certificate(self) -> Certificate:
@@ -88,17 +100,7 @@ class BoxCertificate(AbstractOutcome):
         """Describe the result, with the deviations for which a limit is not satisfied."""
         if ResultCode(int(np.asarray(self.code))) == ResultCode.successful:
             return "every limit is proved to be satisfied on the whole path, for all deviations in the box."
-        texts = [
-            f"{finding.statement}, for {self._deviations_text(k) or 'the strictest limit'}"
-            for k, finding in enumerate(self._as_certificate.findings())
-            if not finding.met
-        ]
-        advice = "Raise the limits, make the box smaller, or tune the path with robust_tune(..., box)."
-        return f"{'; '.join(texts)}. {advice}"
-
-    def _deviations_text(self, k: int) -> str:
-        numbers = zip(self.parameters, np.asarray(self.deviations)[k].tolist(), strict=True)
-        return ", ".join(f"{name} {with_unit(x, UNITS[name])}" for name, x in numbers)
+        return unmet_text(self, "Raise the limits, make the box smaller, or tune the path with robust_tune(..., box).")
 
     def save(self, file: str | os.PathLike[str]) -> None:
         """Write the certificate to a TOML or JSON file without loss of precision; `qtraj.load` reads the file.
@@ -116,9 +118,27 @@ class BoxCertificate(AbstractOutcome):
             )
             for k, name in enumerate(self.parameters)
         }
-        return Record(f"for all deviations: {inner.summary}", {**inner.variables, **at}, inner.coordinates, {})
+        summary = f"for all deviations in the box: {inner.summary}"
+        return Record(summary, {**inner.variables, **at}, inner.coordinates, {"box": text_of(self.box)})
 
     def __str__(self) -> str:
-        return "\n".join(
-            f"{finding.name} {finding.text}: {finding.status}" for finding in self._as_certificate.findings()
-        )
+        findings = self._as_certificate.findings()
+        lines = [f"{finding.name} {finding.text}: {finding.status}" for finding in findings]
+        return "\n".join([f"for all deviations in the box {text_of(self.box)}:", *lines])
+
+
+def unmet_text(certificate: BoxCertificate, advice: str) -> str:
+    """Describe the limits that are not proved, with `advice` about those that are violated."""
+    c = certificate
+    inner = Certificate(c.names, c.codes, c.times, c.values, c.limits)
+    unmet = [(k, finding) for k, finding in enumerate(inner.findings()) if not finding.met]
+    texts = [f"{x.statement}, for {_deviations_text(c, k) or 'the strictest limit'}" for k, x in unmet]
+    statuses = {finding.status for _, finding in unmet}
+    sentences = [advice] if STATUSES[BROKEN] in statuses else []
+    sentences += [text for status, text in ADVICE.items() if status in statuses]
+    return f"{'; '.join(texts)}. {' '.join(sentences)}"
+
+
+def _deviations_text(certificate: BoxCertificate, k: int) -> str:
+    numbers = zip(certificate.parameters, np.asarray(certificate.deviations)[k].tolist(), strict=True)
+    return ", ".join(f"{name} {with_unit(x, UNITS[name])}" for name, x in numbers)

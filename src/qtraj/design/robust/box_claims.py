@@ -15,13 +15,16 @@ from qtraj.algebra.degrees import Degrees
 from qtraj.algebra.exact import ExactPolynomial
 from qtraj.algebra.tensor_forms import Form, in_floats, in_integers, nodes
 from qtraj.design.proof import units
-from qtraj.design.proof.limit_claims import DIVISOR_ORDER, Bound, Formulas
+from qtraj.design.proof.limit_claims import DIVISOR_ORDER, DIVISORS, Bound, Formulas
 from qtraj.design.robust.family import Family
 from qtraj.path.path_quantity import PathQuantity
 from qtraj.path.road_parameters import RoadParameters
 
-MAX_NODES = 1000
-"""Largest number of nodes at which formulas are evaluated in integers; each takes 1 to 10 ms."""
+MAX_WORK = 400_000_000
+"""Largest work to evaluate formulas in integers, about 20 s: the number of nodes times (coefficients in the time)³.
+
+One node takes 2.5 ms with 31 coefficients, 25 ms with 73, and 130 to 240 ms with 139.
+"""
 
 MAX_NUMBERS = 4_000_000
 """Largest number of coefficients of a form in floats."""
@@ -35,12 +38,15 @@ class Masses(NamedTuple):
 
     low: float
     high: float
+    rounded: bool
+    """Whether masses were added, so that a violated limit may be one of these masses only."""
 
     @classmethod
     def around(cls, low: float, high: float) -> Masses:
-        """Return a slightly larger interval."""
+        """Return a slightly larger interval; its lowest mass is zero if `low` is less than 2^-BITS times `high`."""
         unit = np.ldexp(1.0, int(np.frexp(high)[1]) - BITS)
-        return cls(float(np.floor(low / unit) * unit), float(np.ceil(high / unit) * unit))
+        own = float(np.floor(low / unit) * unit), float(np.ceil(high / unit) * unit)
+        return cls(*own, own != (low, high))
 
     def at(self, fractions: Any) -> Any:
         """Return the masses at fractions of the interval that are nodes; nothing is rounded."""
@@ -56,6 +62,7 @@ class BoxClaims:
         self._fastest = fastest  # squared, in the units of the source
         self._floats: dict[Any, Formulas] = {}
         self._exact: dict[Any, Formulas] = {}
+        self._divisors: dict[str, BoxDecision] = {}
 
     def limit(self, entry: PathQuantity, bound: float, factor: float) -> BoxDecision:
         """Decide whether a limit is satisfied at all times on all paths."""
@@ -79,16 +86,28 @@ class BoxClaims:
             strict=False,
         )
 
+    @property
+    def rounded(self) -> bool:
+        """Whether the claims are also about masses that are not in the box."""
+        return self.masses is not None and self.masses.rounded
+
     def divisor(self, name: str) -> BoxDecision:
-        """Decide whether a divisor of a quantity is positive at all times on all paths."""
-        length = self.family.source.length[0]
-        return self._decided(
-            DIVISOR_ORDER[name],
-            lambda f: f.divisor(name, self._no_degrees()),
-            lambda f, count: f.divisor(name, BoundedPolynomial.constant(np.full(count, self._fastest))),
-            lambda f: f.divisor(name, units.times_power(ExactPolynomial.of(self._fastest), length, 2)),
-            strict=True,
-        )
+        """Decide whether a divisor of a quantity is positive at all times on all paths of the box."""
+        if name == "level" and (stops := self.divisor("speed")).refuted:
+            return stops  # the horizontal speed is compared with the speed, which proves nothing if both are zero
+        if name not in self._divisors:
+            length = self.family.source.length[0]
+            found = self._decided(
+                DIVISOR_ORDER[name],
+                lambda f: f.divisor(name, self._no_degrees()),
+                lambda f, count: f.divisor(name, BoundedPolynomial.constant(np.full(count, self._fastest))),
+                lambda f: f.divisor(name, units.times_power(ExactPolynomial.of(self._fastest), length, 2)),
+                strict=True,
+            )
+            # A divisor with a mass may be zero at added masses only.
+            known = name in DIVISORS or not self.rounded
+            self._divisors[name] = found if known else found._replace(refuted=False)
+        return self._divisors[name]
 
     def _decided(
         self,
@@ -110,7 +129,7 @@ class BoxClaims:
             forms = [in_floats(_of_all(p, count), degrees) for p in floats.polynomials]
 
         def exact_forms() -> list[Form] | None:
-            if count > MAX_NODES:
+            if count * max(len(f.numbers) for f in forms) ** 3 > MAX_WORK:
                 return None
             points = list(product(*(nodes(d) for d in degrees)))
             claims = [of_integers(self._in_integers(order, point)) for point in points]

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from qtraj.design.limits import Limits
-from qtraj.design.robust.box_certificate import BoxCertificate
+from qtraj.design.robust.box_certificate import BoxCertificate, unmet_text
 from qtraj.design.robust.outcome import tightened_text
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.foundation import document
@@ -23,7 +23,8 @@ class BoxTuned(AbstractOutcome):
 
     - `tuned`: the result of `tune` within the tightened limits; its certificate is for these limits.
     - `limits`: the tightened limits.
-    - `certificate`: the `BoxCertificate` of the path and the original limits; None if no path was found.
+    - `certificate`: the `BoxCertificate` of the path and the original limits, with the box; None if no
+      path was found.
     - `rounds`: the number of tunings.
     - `code`: a `ResultCode`; `result` explains it.
     """
@@ -53,7 +54,8 @@ class BoxTuned(AbstractOutcome):
                 f"Tightened limits: {tightened_text(self.limits)}."
             )
         if self.certificate is not None:
-            return f"not converged after {int(self.rounds)} tunings: {self.certificate.result}"
+            unmet = unmet_text(self.certificate, "Raise the limits, or make the box smaller.")
+            return f"not converged after {int(self.rounds)} tunings: {unmet}"
         if ResultCode(int(self.code)) == ResultCode.infeasible and self.tuned.converged:
             return "infeasible: the box is too large for the limits. Raise the limits, or make the box smaller."
         return f"no path satisfies the limits for all deviations. With tightened limits: {self.tuned.result}"

@@ -9,6 +9,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
+from qtraj.algebra.box_subdivision import BoxDecision
 from qtraj.design.divisors import factors as factors_of
 from qtraj.design.limits import Limits, limits_of, require_limits
 from qtraj.design.obstacles.keep_out import refuse_obstacles
@@ -20,6 +21,7 @@ from qtraj.design.robust.box_claims import BoxClaims, Masses
 from qtraj.design.robust.family import Family
 from qtraj.foundation.argument import require_type
 from qtraj.foundation.arrays import require_concrete
+from qtraj.path.path_quantity import PathQuantity
 from qtraj.path.quantity import quantity
 from qtraj.path.spiral_helix import SpiralHelix
 
@@ -48,7 +50,7 @@ def certify_box(path: SpiralHelix, limits: Limits, box: Box, *, throw: bool = Fa
     Returns:
         A `BoxCertificate` with a status for each limit: "proved" for all deviations; "broken", with deviations that
         violate it; "undefined", if the speed or another divisor is zero for some deviations; or "undecided", if the
-        quantity touches its limit, or the proof takes too long, as for the angular acceleration and three parameters.
+        quantity touches its limit, or the proof takes too long, as for the angular acceleration and two parameters.
 
     Raises:
         ValueError: For a path of another kind, a batch, limits that change or need another axis, a mass without
@@ -125,24 +127,40 @@ class BoxProblem(NamedTuple):
         codes, rows = [], []
         for k, entry in enumerate(entries):
             own = Worst.of(points, times[:, k], values[:, k], entry.side)
-            if np.isnan(own.value):
-                codes.append(UNDEFINED)
-            else:
-                found = claims.limit(entry, bounds[k], float(np.asarray(factors[k])))
-                if found.refuted:
-                    point = (box.lowest + (box.highest - box.lowest) * np.array(found.at[1:]))[None]
-                    at, value = self.values(point)
-                    own = max(
-                        own, Worst.of(point, at[:, k], value[:, k], entry.side), key=lambda x: entry.side * x.value
-                    )
-                violated = found.refuted and (not entry.tangent_of or entry.side * (own.value - bounds[k]) > 0)
-                code = PROVED if found.proved else BROKEN if violated else UNDECIDED
-                known = code == BROKEN or entry.divisor is None or claims.divisor(entry.divisor).proved
-                codes.append(code if known else UNDECIDED)
+            code, own = self._finding(claims, k, entry, own, bounds[k], float(np.asarray(factors[k])))
+            codes.append(code)
             rows.append(own)
         where, at, what = (np.array(x) for x in zip(*rows, strict=True))
         shape = len(codes), len(box.names)
-        return BoxCertificate(tuple(given), box.names, codes, at, where.reshape(shape), what, bounds)
+        return BoxCertificate(tuple(given), box, codes, at, where.reshape(shape), what, bounds)
+
+    def _finding(
+        self, claims: BoxClaims, k: int, entry: PathQuantity, own: Worst, bound: float, factor: float
+    ) -> tuple[int, Worst]:
+        """Return the status of the limit k and the worst value; `own` is that of the grid."""
+        if np.isnan(own.value):
+            return UNDEFINED, own
+        defined = True
+        if entry.divisor is not None:
+            divisor = claims.divisor(entry.divisor)
+            if divisor.refuted:  # the quantity itself can then not be proved, which takes longest
+                time = divisor.at[0] * float(np.asarray(self.family.source.duration[0]))
+                return UNDEFINED, Worst(self._deviations(divisor)[0], time, np.nan)
+            defined = divisor.proved
+        found = claims.limit(entry, bound, factor)
+        if found.refuted:
+            point = self._deviations(found)
+            at, value = self.values(point)
+            own = max(own, Worst.of(point, at[:, k], value[:, k], entry.side), key=lambda x: entry.side * x.value)
+        # A bound that was rounded, or masses, may be violated although the limit and the box are not.
+        inexact = bool(entry.tangent_of) or claims.rounded
+        if found.refuted and (not inexact or entry.side * (own.value - bound) > 0):
+            return BROKEN, own
+        return (PROVED if found.proved and defined else UNDECIDED), own
+
+    def _deviations(self, found: BoxDecision) -> Float[np.ndarray, "1 p"]:
+        """Return the deviations of a counterexample."""
+        return (self.box.lowest + (self.box.highest - self.box.lowest) * np.array(found.at[1:]))[None]
 
     def _claims(self) -> BoxClaims:
         states = [k for k, name in enumerate(self.box.names) if name in STATES]
@@ -151,8 +169,7 @@ class BoxProblem(NamedTuple):
         fastest = float((np.nanmax(speeds) * source.duration[0] / source.length[0]) ** 2)
         masses, road = None, self.limits.road(float)
         if "mass" in self.box.names:
-            low, high = self.box.intervals["mass"]
-            masses = Masses.around(float(road.mass) + low, float(road.mass) + high)
+            masses = masses_of(road.mass, self.box)
         return BoxClaims(self.family, road, masses, fastest)
 
 
@@ -211,10 +228,17 @@ def require_box_limits(limits: Limits, box: Box, what: str) -> None:
             "the mass deviates, but the deceleration by air drag contains its inverse: pass drag_area=0, or prove the "
             "limits for each mass"
         )
-    if not float(np.asarray(vehicle.mass)) + box.intervals["mass"][0] > 0:
+    if not masses_of(vehicle.mass, box).low > 0:
         raise ValueError(
-            f"the mass {float(np.asarray(vehicle.mass)):g} kg must stay positive: make its interval smaller"
+            f"the mass {float(np.asarray(vehicle.mass)):g} kg must stay positive, and its lowest value at least "
+            "1e-10 of the highest one: make its interval smaller"
         )
+
+
+def masses_of(mass: Any, box: Box) -> Masses:
+    """Return an interval with all masses of a box."""
+    low, high = box.intervals["mass"]
+    return Masses.around(float(np.asarray(mass)) + low, float(np.asarray(mass)) + high)
 
 
 def source_is_vertical(path: SpiralHelix) -> bool:

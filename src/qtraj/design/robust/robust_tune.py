@@ -18,6 +18,7 @@ from qtraj.design.robust.tightened import tightened
 from qtraj.design.robust.tune_in_box import tune_in_box
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.design.tuning.tune import tune
+from qtraj.foundation.argument import require_type
 from qtraj.foundation.outcome import ResultCode
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.quantity import quantity
@@ -160,7 +161,8 @@ def _sigmas(paths: Driven, spread: Spread) -> Float[np.ndarray, " k"]:
 
 
 def _require_one(start: BoundaryState, end: BoundaryState) -> None:
-    for state in (start, end):
+    for state, name in ((start, "start"), (end, "end")):
+        require_type(state, BoundaryState, name, "a BoundaryState")
         if np.ndim(state.position) != 1:
             raise ValueError(
                 f"robust_tune tunes one problem, but the states have the batch shape {np.shape(state.position)[:-1]}"
