@@ -86,11 +86,12 @@ def _candidates(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool], grid: 
 
 
 def _reached(p: Posed, part: Part, ends: Ends, rest: tuple[bool, bool], at: tuple[Shape, Cells, int]) -> float:
-    """Return the u̇² of the relaxed timing at one end, if it is free there."""
+    """Return the u̇² of the relaxed timing at one end, if it is free there; infinite if it is no bound."""
     shape, cells, side = at
     free = np.array(ends)
     free[side] = np.inf
-    return float(relaxed_profile(shape, task_of(p, free, part, rest, shape), cells).a[side, side])
+    relaxed = relaxed_profile(shape, task_of(p, free, part, rest, shape), cells)
+    return float(relaxed.a[side, side]) if relaxed.bounds else np.inf
 
 
 def _choices(ends: Ends, reached: Ends, given: Bool[np.ndarray, " 2"]) -> Iterator[Held]:
