@@ -10,6 +10,7 @@ PAGES = {
     "turns": "A slew of 90° with five profiles under the same limits on rate and acceleration: smoother profiles take "
     "longer.",
     "braking": "The fastest timing along a winding road, with 4 m/s² of braking and 1.5 m/s² of acceleration.",
+    "by_speed": "The longitudinal acceleration over the speed, between a brake curve and a motor curve.",
     "obstacles": "A road past two obstacles, given and tuned for a car of three discs.",
     "atlas": "How fast a bus may enter a corner, over the radius at its entry: the duration of the fastest turn, and "
     "the limits that are met first.",

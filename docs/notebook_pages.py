@@ -36,6 +36,7 @@ DRAWN_BY = {
     "orientation": "docs/pictures.py:orientation",
     "turns": "docs/pictures.py:turns",
     "braking": "docs/pictures.py:braking",
+    "by_speed": "docs/pictures.py:by_speed",
     "obstacles": "docs/pictures.py:obstacles",
     "zones": "docs/pictures.py:zones",
     "atlas": "docs/pictures.py:atlas",
