@@ -423,6 +423,8 @@ def test_functions_return_results():
     }
     wanted |= {
         qt.Atlas,
+        qt.BoxCertificate,
+        qt.BoxTuned,
         qt.RobustTuned,
         qt.Shape,
         qt.Study,
