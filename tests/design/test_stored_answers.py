@@ -30,8 +30,9 @@ OBJECTIVE, SMALL = 1e-9, 1e-10
 ROUTE_OBJECTIVE = 1e-6
 """Relative tolerance by which an objective of `tune_route` may be larger than before; its tightening stops at 1e-6."""
 
-DURATION = 1e-6
-"""Relative tolerance by which a duration of `retime` may be longer than before."""
+DURATION = 1e-5
+"""Relative tolerance by which a duration of `retime` may be longer than before: speeds at the ends, which were lower
+than prescribed by up to 0.2 %, are now exact."""
 
 RESIDUAL, FIT = 1e-6, 1e-5
 """Relative tolerances of residuals of fits, and of numbers that are not stationary at the best fit."""
@@ -65,6 +66,12 @@ def same_codes(found, before, given):
     np.testing.assert_array_equal(found, before)
 
 
+def codes_of_retimings(found, before, given):
+    """The codes are as before, except that a speed at an end may be reached now."""
+    reached = (before == qt.ResultCode.end_speed_not_reached) & (found == SUCCESSFUL)
+    np.testing.assert_array_equal(np.where(reached, before, found), before)
+
+
 def same_values(found, before, given):
     decided = given["statuses"] != UNDECIDED  # other values may be 0/0, that is, rounding errors
     known = decided & np.isfinite(before)  # NaN where a quantity is undefined, infinite at a pole
@@ -91,7 +98,7 @@ def close(relative):
 RULES = {
     "certificates": {"statuses": same_statuses, "values": same_values},
     "tunings": {"codes": same_codes, "objectives": as_good(OBJECTIVE, SMALL)},
-    "retimings": {"codes": same_codes, "durations": as_good(DURATION), "statuses": same_statuses},
+    "retimings": {"codes": codes_of_retimings, "durations": as_good(DURATION), "statuses": same_statuses},
     "routes": {
         "codes": same_codes,
         "statuses": same_statuses,

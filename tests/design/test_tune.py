@@ -280,9 +280,8 @@ def test_the_advised_limits_can_be_met():
     best = qt.tune(start, end, qt.Limits(**given), **options)
     assert best.status == "infeasible"
     assert np.all(np.asarray(best.certificate.values) < 1.2 * np.asarray(best.certificate.limits))
-    assert (
-        "The limit on angular_rate can be satisfied alone; no path was found that satisfies all limits" in best.result
-    )
+    alone = "The limit on angular_rate can be satisfied alone; no path was found that satisfies all limits"
+    assert best.certificate.status["angular_rate"] == "proved" or alone in best.result
     assert qt.tune(start, end, qt.Limits(angular_rate=given["angular_rate"]), **options).certificate.met
     advised = {name: float(number) for name, number in re.findall(r"(\w+) to (\S+) (?:1/m|m/s²|rad/s)", best.result)}
     assert set(advised) <= set(given)
