@@ -21,8 +21,7 @@ from qtraj.path.channel import outputs_with
 VEHICLE = qt.Vehicle(1200.0, inertia=np.diag([500.0, 1800.0, 2000.0]), wheelbase=2.7)
 ALL = outputs_with(VEHICLE)
 FEW = ("velocity", "defined")
-TOLERANCES = {"float64": 1e-11, "float32": 1e-3}
-"""Relative to the largest value, which is that of the Gibbs vector near half a turn, where it magnifies roundings."""
+TOLERANCES = {"float64": 1e-11, "float32": 2e-4}
 EXACT = 1e-14
 """The same operations in the same order, except for sums."""
 FRAMES = [qt.Natural(), qt.Upright()]
@@ -76,6 +75,8 @@ def test_all_outputs(kind, frame):
     assert found.keys() == set(ALL)
     for name, x in found.items():
         y = np.stack(expected[name])
+        if name == "gibbs":  # near half a turn it magnifies roundings, but not as the vector part of a quaternion
+            x, y = (v / np.sqrt(1 + np.sum(np.square(v), axis=0)) for v in (np.asarray(x, float), np.asarray(y, float)))
         atol = TOLERANCES[kind] * max(np.abs(y).max(), 1e-3)
         np.testing.assert_allclose(np.asarray(x, float), np.asarray(y, float), rtol=0, atol=atol, err_msg=name)
 
