@@ -9,8 +9,9 @@ from benchmarks.circuit import centre_line
 from tests.design.route_derivatives import automatic
 
 import qtraj as qt
-from qtraj.design.tuning_route import chain, circuit, interior, rounds, setup
-from qtraj.design.tuning_route.interior import Search
+from qtraj.design.solve import chain, nonconvex
+from qtraj.design.solve.nonconvex import Search
+from qtraj.design.tuning_route import circuit, rounds, setup
 from qtraj.design.tuning_route.program import RouteProgram
 
 ROOT = Path(__file__).parents[2]
@@ -156,11 +157,11 @@ def test_the_lap_is_faster_than_any_lap_along_the_centre_line(lap):
 
 def test_iterates_keep_the_limits_at_the_nodes():
     program = RouteProgram(problem_of(ellipse(SHORT)))
-    first = Search(interior.start(program, np.zeros(program.problem.free.shape), 1.0, rounds.BARRIER), rounds.BARRIER)
-    rules = interior.Rules(np.ones_like(program.full), rounds.ROUGH, inside=True)
+    first = Search(nonconvex.start(program, np.zeros(program.problem.free.shape), 1.0, rounds.BARRIER), rounds.BARRIER)
+    rules = nonconvex.Rules(np.ones_like(program.full), rounds.ROUGH, inside=True)
     worst, times = [], []
     for most in range(1, 26, 2):
-        time, values = program.evaluate(interior.solve(program, first, rules, most).at.z)
+        time, values = program.evaluate(nonconvex.solve(program, first, rules, most).at.z)
         worst.append(np.max(values - program.full))
         times.append(time)
     assert max(worst) <= 0

@@ -11,8 +11,9 @@ from scipy.optimize import minimize
 from tests.design.route_derivatives import automatic
 
 import qtraj as qt
-from qtraj.design.tuning_route import chain, constraints, interior, rounds, setup
-from qtraj.design.tuning_route.interior import RENEWALS, Search
+from qtraj.design.solve import chain, nonconvex
+from qtraj.design.solve.nonconvex import RENEWALS, Search
+from qtraj.design.tuning_route import constraints, rounds, setup
 from qtraj.design.tuning_route.problem import objective, segments
 from qtraj.design.tuning_route.program import RouteProgram
 from qtraj.design.tuning_route.tube import Displacement, _halves, _positive
@@ -109,8 +110,8 @@ def test_the_optimum_at_the_nodes_is_that_of_slsqp(kind):
     bounds = (0.0212, 9.5, 1.4 if kind == "nearest" else 1.6)
     given, problem = problem_of(drive(4, 15.0), kind, bounds)
     program = RouteProgram(problem)
-    first = Search(interior.start(program, np.zeros(problem.free.shape), 1.0, 0.1), 0.1, renewals=RENEWALS)
-    search = interior.solve(program, first, interior.Rules(np.ones_like(program.full), rounds.LEAST), 300)
+    first = Search(nonconvex.start(program, np.zeros(problem.free.shape), 1.0, 0.1), 0.1, renewals=RENEWALS)
+    search = nonconvex.solve(program, first, nonconvex.Rules(np.ones_like(program.full), rounds.LEAST), 300)
     assert search.done
     free, rows = np.flatnonzero(problem.free), np.flatnonzero(problem.used)
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import qtraj as qt
+from qtraj.design.solve.iterate import Iterate
+from qtraj.design.solve.polishing import polished
 from qtraj.design.tuning_route import sensitivity
-from qtraj.design.tuning_route.iterate import Iterate
-from qtraj.design.tuning_route.polishing import polished
 from qtraj.design.tuning_route.problem import RouteProblem
 from qtraj.design.tuning_route.program import RouteProgram
 from qtraj.design.tuning_route.solution import Data

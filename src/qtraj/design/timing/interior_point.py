@@ -16,8 +16,8 @@ import jax
 import numpy as np
 from jaxtyping import Float, Int
 
-from qtraj.design.timing import refinement
-from qtraj.design.timing.banded import Factored, factor, solve as solve_band
+from qtraj.design.solve import refinement
+from qtraj.design.solve.band import Factored, factor, solve as solve_band
 from qtraj.design.timing.constraint_values import Gradients, changes, gradients, second_derivatives, values, weighted
 from qtraj.design.timing.constraints import Constraints
 from qtraj.design.timing.seam import folded, order, repeated

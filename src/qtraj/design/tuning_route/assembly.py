@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from qtraj.design.solve.chain import Border, Chain
 from qtraj.design.tuning_route import basis, circuit
-from qtraj.design.tuning_route.chain import Border, Chain
 from qtraj.design.tuning_route.constraints import Curvature, Expansion
 from qtraj.design.tuning_route.problem import BLOCK, RouteProblem, Segments, bent, factors, off_target, squared_jerk
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from qtraj.design.tuning_route.chain import Border
+from qtraj.design.solve.chain import Border
 from qtraj.design.tuning_route.problem import RouteProblem
 from qtraj.foundation.namespace import xp
 from qtraj.path import pieces

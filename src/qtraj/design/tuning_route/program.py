@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from qtraj.design.solve.program import PerConstraint, Solver, Variables
 from qtraj.design.tuning_route import assembly, circuit, margins
 from qtraj.design.tuning_route.assembly import Local
-from qtraj.design.tuning_route.chain import Solver
 from qtraj.design.tuning_route.constraints import Expansion, bounds, expand, order_of, values
 from qtraj.design.tuning_route.problem import RouteProblem, Segments, joined, moved, objective, segments
 
@@ -16,11 +16,6 @@ PART, CACHED = 64, 25_000
 
 Their arrays fit into the cache of the processor, and their memory is reused.
 """
-
-Variables = Float[np.ndarray, "joints 10"]
-
-PerConstraint = Float[np.ndarray, " m"]
-"""One number for each used constraint: those at the nodes, then the lower and the upper bounds on the durations."""
 
 
 class RouteProgram:

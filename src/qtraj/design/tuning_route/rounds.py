@@ -16,10 +16,11 @@ from qtraj.design.obstacles.certificate import with_obstacles
 from qtraj.design.proof.certificate import PROVED
 from qtraj.design.proof.route import certify_route
 from qtraj.design.proof.route_certificate import RouteCertificate
-from qtraj.design.tuning_route import along, geometry, interior, roads
+from qtraj.design.solve import nonconvex
+from qtraj.design.solve.nonconvex import FREE, Iterate, Rules, Search
+from qtraj.design.tuning_route import along, geometry, roads
 from qtraj.design.tuning_route.constraints import relative
 from qtraj.design.tuning_route.curves import Curves, largest_of
-from qtraj.design.tuning_route.interior import FREE, Iterate, Rules, Search
 from qtraj.design.tuning_route.problem import RouteProblem, objective, segments, squared_jerk
 from qtraj.design.tuning_route.program import RouteProgram
 from qtraj.design.tuning_route.setup import Parts
@@ -170,13 +171,13 @@ def _solved(
     if start is None:
         rules = _rules(program, factor, LEAST)
         state = Search(
-            interior.start(program, np.zeros(problem.free.shape) if begin is None else begin, rules.factor, mu), mu
+            nonconvex.start(program, np.zeros(problem.free.shape) if begin is None else begin, rules.factor, mu), mu
         )
     else:
         mu = ROUGH * (price or 1.0)
-        state = Search(interior.restarted(program, start, mu), mu, renewals=FREE)
+        state = Search(nonconvex.restarted(program, start, mu), mu, renewals=FREE)
     if np.any(problem.time):
-        state = interior.solve(program, state, _rules(program, factor, ROUGH), most)
+        state = nonconvex.solve(program, state, _rules(program, factor, ROUGH), most)
         problem, at = _smoothed(problem, state.at.z), state.at
         if price is not None and not _violated(program, at).any():
             price, at = None, at._replace(excess=None)
@@ -186,7 +187,7 @@ def _solved(
         rules = _rules(program, factor * (1 - SAFETY * 2.0**k), LEAST, first=k == 0)
         if k:
             state = _again(program, state, rules, mu)
-        state = interior.solve(program, state, rules, most)
+        state = nonconvex.solve(program, state, rules, most)
         judged = judge(route, given, limits, tube, problem, state.at.z)
         missed |= _violated(program, state.at) & moving
         unproved_ = unproved(judged, names, moving)
@@ -238,7 +239,7 @@ def _again(program: RouteProgram, state: Search, rules: Rules, mu: float) -> Sea
     """Return the start of a repeated search, with new margins, slacks and multipliers."""
     at = state.at
     margins = np.minimum(at.margins, program.refreshed(at.z, at.margins) * rules.factor)
-    at = interior.restarted(program, at._replace(margins=margins), mu)
+    at = nonconvex.restarted(program, at._replace(margins=margins), mu)
     return Search(at, mu, steps=state.steps, renewals=FREE)
 
 

@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.design.limits import Limits
+from qtraj.design.solve.iterate import Iterate
 from qtraj.design.tuning_route.curves import Curves
-from qtraj.design.tuning_route.iterate import Iterate
 from qtraj.design.tuning_route.problem import RouteProblem
 from qtraj.design.tuning_route.tuned_route import TunedRoute
 from qtraj.path.route import Route

@@ -15,12 +15,12 @@ from qtraj.design.limits import Limits, limits_of
 from qtraj.design.on_host import on_host
 from qtraj.design.proof.certificate import UNDEFINED, Certificate
 from qtraj.design.proof.route_certificate import RouteCertificate
+from qtraj.design.solve.chain import Border, Chain
+from qtraj.design.solve.nonconvex import Iterate
+from qtraj.design.solve.polishing import polished, solution
 from qtraj.design.tuning_route import basis
-from qtraj.design.tuning_route.chain import Border, Chain
 from qtraj.design.tuning_route.constraints import contain_position
 from qtraj.design.tuning_route.curves import Curves, curves_of
-from qtraj.design.tuning_route.interior import Iterate
-from qtraj.design.tuning_route.polishing import polished, solution
 from qtraj.design.tuning_route.problem import BLOCK, OF_SEGMENTS
 from qtraj.design.tuning_route.program import RouteProgram
 from qtraj.design.tuning_route.scales import is_shifted

@@ -12,10 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from qtraj.design.solve.program import Solver
 from qtraj.foundation.namespace import xp
-
-Solver = Callable[[Float[np.ndarray, "n b"]], Float[np.ndarray, "n b"]]
-"""Returns the solution of a system with a factorised matrix."""
 
 
 class Border(NamedTuple):

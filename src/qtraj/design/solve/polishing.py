@@ -5,9 +5,9 @@ The matrix is that of the interior-point method (see `sensitivity`). Everything 
 
 import numpy as np
 
-from qtraj.design.tuning_route.chain import Chain
-from qtraj.design.tuning_route.interior import Iterate, linearised, longest, newton, residual, restarted
-from qtraj.design.tuning_route.program import RouteProgram
+from qtraj.design.solve.chain import Chain
+from qtraj.design.solve.nonconvex import Iterate, linearised, longest, newton, residual, restarted
+from qtraj.design.solve.program import Program
 
 STEPS = 60
 """Maximum number of Newton steps with which the last search is continued."""
@@ -36,7 +36,7 @@ def solution(matrix: Chain, right: np.ndarray) -> np.ndarray:
     return found
 
 
-def polished(program: RouteProgram, at: Iterate) -> tuple[Iterate, Chain, bool]:
+def polished(program: Program, at: Iterate) -> tuple[Iterate, Chain, bool]:
     """Refine an iterate until it satisfies the optimality conditions; also return the matrix and whether it converged.
 
     The slacks and multipliers start from a larger barrier parameter, because with tiny slacks the steps would be too
@@ -50,7 +50,7 @@ def polished(program: RouteProgram, at: Iterate) -> tuple[Iterate, Chain, bool]:
     return found
 
 
-def _polished(program: RouteProgram, at: Iterate, mu: float) -> tuple[Iterate, Chain, bool]:
+def _polished(program: Program, at: Iterate, mu: float) -> tuple[Iterate, Chain, bool]:
     """Refine an iterate by full Newton steps, starting with the barrier parameter `mu`.
 
     There is no line search, because the rounding errors of a merit function would stop it this close to the optimum,

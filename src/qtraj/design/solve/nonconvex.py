@@ -7,16 +7,16 @@ multiple of the identity is added. A line search on the merit function f − μ�
 and the penalty ν, ensures progress.
 
 Some constraints may be elastic (see `elastic`). The inequalities are values(z) ≤ margins. The problem enters only
-through the methods of `RouteProgram` and `Linear`, so the structure of its matrix does not matter here.
+through the methods of `Program` and `Linear`, so the structure of its matrix does not matter here.
 """
 
 from dataclasses import replace
 
 import numpy as np
 
-from qtraj.design.tuning_route.elastic import barrier, closed, elastic_newton, gaps_of, relaxed, stiffness
-from qtraj.design.tuning_route.iterate import Iterate, Rules, Search, Step
-from qtraj.design.tuning_route.program import Linear, PerConstraint, RouteProgram, Variables
+from qtraj.design.solve.elastic import barrier, closed, elastic_newton, gaps_of, relaxed, stiffness
+from qtraj.design.solve.iterate import Iterate, Rules, Search, Step
+from qtraj.design.solve.program import Linear, PerConstraint, Program, Variables
 
 TOLERANCE = 1e-7
 """The search ends if no residual of the optimality conditions is larger than this."""
@@ -58,7 +58,7 @@ HOPELESS, APART = 1e4, 1e-2
 by more than the second number; those of solvable problems are about a hundred times smaller."""
 
 
-def start(program: RouteProgram, z: Variables, factor: PerConstraint | float, mu: float) -> Iterate:
+def start(program: Program, z: Variables, factor: PerConstraint | float, mu: float) -> Iterate:
     """Return the first iterate; slacks are computed from the constraints, and multipliers from the slacks.
 
     The full margins are multiplied by `factor`.
@@ -71,7 +71,7 @@ def start(program: RouteProgram, z: Variables, factor: PerConstraint | float, mu
     return relaxed(program, Iterate(z, left, left, margins), left, LEAST_SLACK, mu)
 
 
-def restarted(program: RouteProgram, at: Iterate, mu: float) -> Iterate:
+def restarted(program: Program, at: Iterate, mu: float) -> Iterate:
     """Return an iterate with slacks and multipliers for a larger barrier parameter.
 
     With tiny slacks, the steps would be too short.
@@ -83,7 +83,7 @@ def restarted(program: RouteProgram, at: Iterate, mu: float) -> Iterate:
     return at._replace(slacks=slacks, multipliers=mu / slacks)
 
 
-def solve(program: RouteProgram, search: Search, rules: Rules, most: int) -> Search:
+def solve(program: Program, search: Search, rules: Rules, most: int) -> Search:
     """Continue a search, decreasing the barrier parameter, in at most `most` steps."""
     with np.errstate(all="ignore"):  # a failed search ends with NaN
         while not (search.done or search.stuck or search.hopeless) and search.steps < most:
@@ -91,7 +91,7 @@ def solve(program: RouteProgram, search: Search, rules: Rules, most: int) -> Sea
     return search
 
 
-def linearised(program: RouteProgram, at: Iterate) -> Linear:
+def linearised(program: Program, at: Iterate) -> Linear:
     """Return the values and derivatives at an iterate."""
     return program.linearise(at.z, at.multipliers, stiffness(program, at))
 
@@ -136,7 +136,7 @@ def _size(x: np.ndarray) -> float:
     return float(np.max(np.abs(x)))
 
 
-def _iteration(program: RouteProgram, search: Search, rules: Rules) -> Search:
+def _iteration(program: Program, search: Search, rules: Rules) -> Search:
     """Return the state after one step."""
     linear = linearised(program, search.at)
     search = _assessed(program, search, linear, rules)
@@ -147,7 +147,7 @@ def _iteration(program: RouteProgram, search: Search, rules: Rules) -> Search:
     return replace(search, stuck=True) if step is None else _stepped(program, search, linear, step, rules)
 
 
-def _assessed(program: RouteProgram, search: Search, linear: Linear, rules: Rules) -> Search:
+def _assessed(program: Program, search: Search, linear: Linear, rules: Rules) -> Search:
     """Return the search with its error, and with the margins and the barrier parameter of the next step."""
     at, mu = search.at, search.mu
     last = mu <= rules.least
@@ -180,7 +180,7 @@ def _shifted_step(search: Search, linear: Linear) -> tuple[Step | None, float]:
     return step, shift
 
 
-def _stepped(program: RouteProgram, search: Search, linear: Linear, step: Step, rules: Rules) -> Search:
+def _stepped(program: Program, search: Search, linear: Linear, step: Step, rules: Rules) -> Search:
     """Return the search after the longest step, of those tried, that reduces the merit function enough."""
     at, mu = search.at, search.mu
     gaps = gaps_of(at, linear.values)
@@ -213,7 +213,7 @@ def _stepped(program: RouteProgram, search: Search, linear: Linear, step: Step, 
 
 
 def _trial(
-    program: RouteProgram, search: Search, step: Step, gaps: PerConstraint, part: float, bounded: bool
+    program: Program, search: Search, step: Step, gaps: PerConstraint, part: float, bounded: bool
 ) -> tuple[Variables, PerConstraint, PerConstraint | None, float]:
     """Return the variables, slacks and violations after a part of a step, and the merit function there.
 

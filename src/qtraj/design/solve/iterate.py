@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from qtraj.design.tuning_route.program import PerConstraint, Variables
+from qtraj.design.solve.program import PerConstraint, Variables
 
 
 class Iterate(NamedTuple):

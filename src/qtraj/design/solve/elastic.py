@@ -8,19 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from qtraj.design.tuning_route.chain import Solver
-from qtraj.design.tuning_route.iterate import Iterate, Step
-from qtraj.design.tuning_route.program import Linear, PerConstraint, RouteProgram
+from qtraj.design.solve.iterate import Iterate, Step
+from qtraj.design.solve.program import Linear, PerConstraint, Program, Solver
 
 
-def relaxed(program: RouteProgram, at: Iterate, left: PerConstraint, least: float, mu: float) -> Iterate:
+def relaxed(program: Program, at: Iterate, left: PerConstraint, least: float, mu: float) -> Iterate:
     """Return an iterate of elastic constraints whose slacks minus violations are what is `left` of the margins."""
     excess = np.where(np.isfinite(program.price), np.maximum(-left, 0.0) + least, 0.0)
     slacks = np.where(np.isfinite(program.price), left + excess, np.maximum(left, least))
     return at._replace(slacks=slacks, multipliers=np.minimum(mu / slacks, 0.5 * program.price), excess=excess)
 
 
-def stiffness(program: RouteProgram, at: Iterate) -> PerConstraint:
+def stiffness(program: Program, at: Iterate) -> PerConstraint:
     """Return the changes of the multipliers for changes of the constraints, at constant complementarity."""
     if at.excess is None:
         return at.multipliers / at.slacks
@@ -34,7 +33,7 @@ def gaps_of(at: Iterate, values: PerConstraint) -> PerConstraint:
 
 
 def closed(
-    program: RouteProgram, gaps: PerConstraint, slacks: PerConstraint, excess: PerConstraint
+    program: Program, gaps: PerConstraint, slacks: PerConstraint, excess: PerConstraint
 ) -> tuple[PerConstraint, PerConstraint]:
     """Return slacks and violations of elastic constraints, of which one is increased by `gaps`.
 
@@ -65,7 +64,7 @@ def elastic_newton(at: Iterate, linear: Linear, mu: float, solver: Solver) -> St
     return Step(dz, slacks, multipliers, slope, curvature, more) if np.isfinite(slope + curvature) else None
 
 
-def barrier(program: RouteProgram, mu: float, slacks: PerConstraint, excess: PerConstraint | None) -> float:
+def barrier(program: Program, mu: float, slacks: PerConstraint, excess: PerConstraint | None) -> float:
     """Return the barrier terms of slacks and violations, and the cost of the violations."""
     found = -mu * float(np.sum(np.log(slacks)))
     if excess is None:
