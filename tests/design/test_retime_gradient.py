@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 import qtraj as qt
+from qtraj.design.solve.convex import begun, continued, solve
 from qtraj.design.timing import rounds, search
 from qtraj.design.timing.constraint_values import tightened
 from qtraj.design.timing.constraints import NAMES
 from qtraj.design.timing.grid import uniform
 from qtraj.design.timing.initial import initial
-from qtraj.design.timing.interior_point import begun, continued, duration, solve
+from qtraj.design.timing.program import duration
 from qtraj.design.timing.road import LOADS
 from qtraj.design.timing.sided import SLOWEST
 from qtraj.design.timing.tables import tables
@@ -47,7 +48,7 @@ def shortest(values, factors):
     program = program.__class__(program.nodes, *own)
     first = solve(program, begun(program, initial(program)), np.full(1, rounds.GAPS[0]))
     found = solve(program, continued(program, first), np.full(1, GAP))
-    return duration(program, program.at_nodes(found.coefficients)), found.coefficients[0]
+    return duration(program, program.at_nodes(found.z)), found.z[0]
 
 
 @pytest.mark.parametrize("values", [(20.0, 3.0, 2.5, 2.0), (9.0, 3.0, 2.5, 2.0)])

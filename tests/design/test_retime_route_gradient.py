@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 import qtraj as qt
+from qtraj.design.solve.convex import begun, continued, solve
 from qtraj.design.timing import rounds, search
 from qtraj.design.timing.constraint_values import tightened
 from qtraj.design.timing.grid import of_segments
 from qtraj.design.timing.initial import initial
-from qtraj.design.timing.interior_point import begun, continued, duration, solve
+from qtraj.design.timing.program import duration
 from qtraj.design.timing.tables import tables
 
 TIMES = np.array([0.0, 2.1, 3.9, 6.0])
@@ -47,7 +48,7 @@ def shortest(states, limits, factors):
     program = program.__class__(program.nodes, *own)
     first = solve(program, begun(program, initial(program)), np.full(1, rounds.GAPS[0]))
     found = solve(program, continued(program, first), np.full(1, GAP))
-    return np.append(duration(program, program.at_nodes(found.coefficients)), found.coefficients[0])
+    return np.append(duration(program, program.at_nodes(found.z)), found.z[0])
 
 
 @pytest.mark.parametrize("limits", [LIMITS, {"speed": 7.0, "acceleration": 2.5, "jerk": 6.0}], ids=["convex", "jerk"])

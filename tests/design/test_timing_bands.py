@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from qtraj.design.timing import banded
-from qtraj.design.timing.spline import gathered, gathered_band, nodes, products
+from qtraj.design.solve.band import factor, solve
+from qtraj.design.timing.spline import gathered, gathered_band, nodes
 
 SIZES = (19, 131, 515)
 
@@ -28,7 +28,7 @@ def dense(band):
 def test_a_batch_of_band_systems_has_the_solutions_of_the_dense_matrices(n):
     band, right = bands_of(3, n, n), np.random.default_rng(0).normal(size=(3, n))
     expected = [np.linalg.solve(dense(own), b) for own, b in zip(band, right, strict=True)]
-    found = banded.solve(banded.factor(band.copy()), right)
+    found = solve(factor(band.copy()), right)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * np.abs(right).max())
 
 
@@ -37,7 +37,7 @@ def test_a_matrix_that_is_not_positive_definite_does_not_affect_the_others(bad):
     band, right = bands_of(4, 20, 1), np.random.default_rng(0).normal(size=(4, 20))
     expected = [np.linalg.solve(dense(own), b) for own, b in zip(band, right, strict=True)]
     band[2, 5, 3] = bad
-    found = banded.solve(banded.factor(band), right)
+    found = solve(factor(band), right)
     assert np.isnan(found[2]).all()
     np.testing.assert_allclose(np.delete(found, 2, axis=0), np.delete(expected, 2, axis=0), rtol=0, atol=1e-12)
 
@@ -47,7 +47,7 @@ def test_the_matrix_of_a_step_is_the_sum_over_the_nodes():
     own = nodes(np.array([0.0, 1.0, 1.5, 2.5, 4.0, 4.5, 5.0]), (False, False))
     half = np.random.default_rng(3).normal(size=(3, 3, 2, 7))
     whole = half + half.swapaxes(0, 1)
-    bands = np.asarray(gathered_band(products(own.basis), whole))
+    bands = np.asarray(gathered_band(own, whole))
     for j in range(9):
         local = np.stack([np.pad(np.eye(9)[j], (0, 1))[k : k + 7] for k in range(4)])
         v = np.einsum("okdn,kn->odn", own.basis, local)

@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from qtraj.design.timing.constraints import STANDING, Constraints
-from qtraj.design.timing.interior_point import Program
+from qtraj.design.timing.program import Program
 from qtraj.design.timing.road import LOADS, ROAD
 from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import Scalar

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from qtraj.design.timing.interior_point import Program
+from qtraj.design.timing.program import Program
 from qtraj.design.timing.road import steady
 from qtraj.design.timing.seam import repeated
 

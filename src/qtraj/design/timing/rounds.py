@@ -7,11 +7,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from qtraj.design.solve.convex import STALLED, State, begun, continued, solve
 from qtraj.design.timing.boundedness import unbounded
 from qtraj.design.timing.constraint_values import squares, tightened, used
 from qtraj.design.timing.constraints import Parts
 from qtraj.design.timing.initial import initial
-from qtraj.design.timing.interior_point import STALLED, Program, State, begun, continued, solve
+from qtraj.design.timing.program import Program
 from qtraj.design.timing.spline import ORDERS, within_cells
 from qtraj.design.timing.tables import Tables
 from qtraj.foundation.namespace import namespace
@@ -105,9 +106,9 @@ def searched(
             enough = np.full(which.size, GAPS[0] if search == 0 else last_gap(cells, own.constraints.jerk is not None))
             last = solve(imposed, continued(imposed, state.chosen(which)), enough)
             # A search that fails after a good one leaves the result of this one, which is slowed down.
-            good = np.isfinite(last.coefficients).all(axis=1) | (search == 0)
+            good = np.isfinite(last.z).all(axis=1) | (search == 0)
             state.store(which[good], last.chosen(good))
-            found = between_nodes(places, within, state.coefficients[which])
+            found = between_nodes(places, within, state.z[which])
             used[:, which[good]], usage[:, which] = factors[:, which[good]], found
             factors[:, which] *= _tighter(places, found, last.error < np.maximum(enough, STALLED), search)
             failures[which] += ~(last.error < np.maximum(enough, STALLED))
@@ -122,10 +123,10 @@ def searched(
             if not which.size:
                 break
         slow = stops | np.array([x is not None for x in held])
-        free = unbounded(program, program.at_nodes(state.coefficients)[0], slow)
+        free = unbounded(program, program.at_nodes(state.z)[0], slow)
     nodes = (np.moveaxis(x, 1, 0) for x in (*state[1:3], used, usage))
     slack, multiplier, used, usage = nodes
-    return Result(state.coefficients, slack, multiplier, *state[3:], used, usage, free)
+    return Result(state.z, slack, multiplier, *state[3:], used, usage, free)
 
 
 def _first_iterate(program: Program, start: Any, held: tuple[float | None, float | None]) -> State:

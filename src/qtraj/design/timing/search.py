@@ -16,7 +16,7 @@ from qtraj.design.timing.boundedness import largest
 from qtraj.design.timing.constraint_values import ratios, tightened
 from qtraj.design.timing.constraints import POWERS, UPPER, Constraints, Parts, parts
 from qtraj.design.timing.grid import Shape, derivatives
-from qtraj.design.timing.interior_point import Program
+from qtraj.design.timing.program import Program
 from qtraj.design.timing.road import ROAD, slowing, without
 from qtraj.design.timing.road_cells import at_points, fixed
 from qtraj.design.timing.rounds import ALLOWED, Result, at_nodes, between_nodes, grouped, lost, searched, shapes

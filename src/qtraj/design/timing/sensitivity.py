@@ -26,9 +26,9 @@ from jaxtyping import Float
 
 from qtraj.design.on_host import on_host
 from qtraj.design.timing.constraint_values import Gradients, changes, gradients, values, weighted
-from qtraj.design.timing.interior_point import Program, duration, factored, solved
+from qtraj.design.timing.program import Program, duration, factored, solved
 from qtraj.design.timing.seam import repeated
-from qtraj.design.timing.spline import Nodes, gathered, products
+from qtraj.design.timing.spline import Nodes, gathered
 from qtraj.foundation.types import Scalar
 
 
@@ -98,14 +98,11 @@ def _change(program: Program, change: Program, at: Optimum) -> Optimum:
 def _solved(nodes: Nodes, matrix: Float[Any, "orders orders 2 cells+1"], right: Float[Any, " cells+3"]) -> Any:
     """Solve the linear system with the second derivatives `matrix` at the nodes, on the host."""
 
-    def solve(
-        basis: np.ndarray, free: np.ndarray, seam: np.ndarray, matrix: np.ndarray, right: np.ndarray
-    ) -> np.ndarray:
-        table = products(basis[0, : matrix.shape[1]])
-        return solved(factored(free[0], table, np.moveaxis(matrix, 0, 2), bool(seam[0])), right) * free
+    def solve(nodes: Nodes, matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+        own = Nodes(*(x[0] for x in nodes))
+        return solved(factored(own, np.moveaxis(matrix, 0, 2)), right) * own.free
 
-    shape = jax.ShapeDtypeStruct(right.shape, right.dtype)
-    return on_host(solve, shape, nodes.basis, nodes.free, nodes.seam, matrix, right)
+    return on_host(solve, jax.ShapeDtypeStruct(right.shape, right.dtype), nodes, matrix, right)
 
 
 def _lagrangian(p: Program, v: Any, multipliers: Any) -> Scalar:

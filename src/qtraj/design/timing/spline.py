@@ -40,14 +40,16 @@ class Nodes(NamedTuple):
 
     `place` are the parameters of the nodes, `weight` the weights of the integral over all cells, and `basis` the
     matrices from the coefficients j to j + 3 to values and derivatives. The first two axes of `basis` are the order of
-    the derivative and the coefficient. `free` is 0 for the coefficient at an end whose value is fixed, as at an end at
-    rest, where it is zero, and 1 for all others. `standing` is 1 for nodes at rest. `seam` is 1 for a lap, whose end is
-    its start, otherwise 0 (see `seam`); the coefficients that repeat others are not free.
+    the derivative and the coefficient; `pairs` contains products of its entries (see `products`). `free` is 0 for the
+    coefficient at an end whose value is fixed, as at an end at rest, where it is zero, and 1 for all others. `standing`
+    is 1 for nodes at rest. `seam` is 1 for a lap, whose end is its start, otherwise 0 (see `seam`); the coefficients
+    that repeat others are not free.
     """
 
     place: Float[Any, "2 cells+1"]
     weight: Float[Any, "2 cells+1"]
     basis: Float[Any, "3 4 2 cells+1"]
+    pairs: Float[Any, "6 10 2 cells+1"]
     free: Float[Any, " cells+3"]
     standing: Float[Any, "2 cells+1"]
     seam: Any = np.zeros(())
@@ -143,10 +145,12 @@ def nodes(
     standing[:] = empty
     standing[0, 1:-1][first] = 0.0
     standing[0, 0], standing[0, -1], standing[1, -1] = *rest, 1.0
+    basis = np.stack([at_each, np.pad(_at(form, inner, length), [(0, 0), (0, 0), (0, 1)])], axis=2)
     return Nodes(
         np.stack([knots, np.append(knots[:-1] + inner * length, knots[-1])]),
         np.stack([at_knots, np.append(length * inside / 6, 0.0)]),
-        np.stack([at_each, np.pad(_at(form, inner, length), [(0, 0), (0, 0), (0, 1)])], axis=2),
+        basis,
+        products(basis),
         free,
         standing,
         np.asarray(float(lap)),
@@ -210,14 +214,15 @@ def products(basis: Float[Any, "orders 4 2 cells+1"]) -> Float[Any, "entries pai
 
 
 def gathered_band(
-    table: Float[Any, "entries pairs 2 cells+1"], matrix: Float[Any, "orders orders *batch 2 cells+1"]
+    n: Nodes, matrix: Float[Any, "orders orders *batch 2 cells+1"]
 ) -> tuple[Float[Any, "*batch cells+3"], ...]:
     """Convert second derivatives at the nodes to second derivatives with respect to the coefficients (see `gathered`).
 
-    `matrix` are the symmetric matrices at the nodes, and `table` is the result of `products`. Any d of the result
-    contains the entries (i, i − d) of the matrix for the coefficients.
+    `matrix` are the symmetric matrices at the nodes. Any d of the result contains the entries (i, i − d) of the matrix
+    for the coefficients.
     """
-    found = _padded(np.einsum("eqmn,e...mn->q...n", table, matrix[np.tril_indices(len(matrix))]))
+    entries = matrix[np.tril_indices(len(matrix))]
+    found = _padded(np.einsum("eqmn,e...mn->q...n", n.pairs[: len(entries)], entries))
     firsts = np.cumsum([0, *range(DEGREE + 1, 0, -1)])
     return tuple(_overlapped(found[firsts[d] : firsts[d + 1]], range(d, DEGREE + 1)) for d in range(DEGREE + 1))
 

@@ -1,0 +1,219 @@
+"""Minimise convex objectives under constraints by a primal-dual interior-point method, for a batch of problems.
+
+The method is Mehrotra's predictor–corrector with slack variables (Nocedal and Wright, *Numerical Optimization*, chapter
+19). Iterates need not satisfy the constraints, so a search can start at an infeasible point, and limits can be
+tightened between searches. No merit function and no shift of the matrix are needed, unlike in `nonconvex`. The error at
+the end is a bound on the distance to the minimum, relative to the objective.
+
+All problems of a batch have variables and constraints of the same shapes. The batch axis is the first one of variables,
+and the second one of constraints. Finished problems leave the batch.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, Protocol, Self
+
+import numpy as np
+from jaxtyping import Float, Int
+
+BOUNDARY, WITHIN = 0.99, 0.9
+"""Largest fractions of the longest possible steps: for slacks and multipliers, and within the domain of the objective.
+"""
+
+BALANCE = 0.001
+"""The target of the duality gap is at least this fraction of the residuals, so that both converge together."""
+
+VIOLATED = 1e-6
+"""The largest violation of a constraint, relative to its limit, at which a search may end."""
+
+SLACK = 1.0
+"""The smallest initial slack. With smaller slacks, the first steps would be short."""
+
+MAX_STEPS = 100
+
+STALLED, AGAIN = 1e-4, 8
+"""A search also stops if its error is below `STALLED` and was not halved within `AGAIN` steps, because of roundings."""
+
+PerProblem = Float[Any, " batch"]
+
+Variables = Float[Any, "batch n"]
+
+PerConstraint = Float[Any, "count batch *nodes"]
+
+
+class Program(Protocol):
+    """A batch of problems: minimise an objective f(z) > 0 under the constraints g(z) ≤ 0."""
+
+    def objective(self, z: Variables) -> PerProblem:
+        """Return the objective."""
+        ...
+
+    def values(self, z: Variables) -> PerConstraint:
+        """Return the values of the constraints."""
+        ...
+
+    def linearise(self, z: Variables, multipliers: PerConstraint, ratio: PerConstraint) -> Linear:
+        """Return values and derivatives; the matrix is ∇²(f + Σ multiplier·g) + Σ ratio·∇g ∇gᵀ."""
+        ...
+
+    def chosen(self, which: np.ndarray) -> Self:
+        """Return some problems of the batch."""
+        ...
+
+
+class Linear(Protocol):
+    """The values and derivatives of a batch of problems at one point; the matrix is factorised."""
+
+    @property
+    def objective(self) -> PerProblem:
+        """The objective."""
+        ...
+
+    @property
+    def values(self) -> PerConstraint:
+        """The values of the constraints."""
+        ...
+
+    def gradient(self, weights: PerConstraint) -> Variables:
+        """Return the gradient of the objective plus a weighted sum of the constraints."""
+        ...
+
+    def solved(self, right: Variables) -> Variables:
+        """Return the solutions of the linear systems."""
+        ...
+
+    def move(self, dz: Variables) -> Move:
+        """Return what a change of the variables does."""
+        ...
+
+
+class Move(Protocol):
+    """The effects of a change of the variables."""
+
+    @property
+    def rise(self) -> PerConstraint:
+        """The changes of the linearised constraints."""
+        ...
+
+    def values(self, part: PerProblem) -> PerConstraint:
+        """Return the values of the constraints after a part of the change."""
+        ...
+
+    def longest(self) -> PerProblem:
+        """Return the largest part of the change within the domain of the objective."""
+        ...
+
+
+class State(NamedTuple):
+    """The iterates of a batch: variables, slacks, multipliers, number of steps, and relative optimality error."""
+
+    z: Variables
+    slacks: PerConstraint
+    multipliers: PerConstraint
+    steps: Int[Any, " batch"]
+    error: PerProblem
+
+    def chosen(self, which: np.ndarray) -> State:
+        """Return some iterates of the batch."""
+        return State(self.z[which], self.slacks[:, which], self.multipliers[:, which], *(x[which] for x in self[3:]))
+
+    def store(self, which: np.ndarray, own: State) -> None:
+        """Replace some iterates of the batch by the iterates `own`."""
+        for x, y in zip((self.z, *self[3:]), (own.z, *own[3:]), strict=True):
+            x[which] = y
+        for x, y in zip(self[1:3], own[1:3], strict=True):
+            x[:, which] = y
+
+
+def begun(p: Program, z: Variables) -> State:
+    """Return the first iterates; the duality gap of each equals its objective."""
+    slacks = np.maximum(-p.values(z), SLACK)
+    multipliers = _over(p.objective(z) / slacks[:, 0].size, slacks) / slacks
+    return State(z, slacks, multipliers, np.zeros(len(z), np.int32), np.full(len(z), np.inf))
+
+
+def continued(p: Program, s: State) -> State:
+    """Return iterates for constraints that were tightened after a search.
+
+    Slacks and multipliers that are almost zero are increased, because they would make the next steps short.
+    """
+    violations = p.values(s.z)
+    slacks = np.maximum(np.maximum(s.slacks, -violations), _over(_max(violations), violations))
+    least = _over(_sum(slacks * s.multipliers) / slacks[:, 0].size, slacks) / slacks
+    return State(s.z, slacks, np.maximum(s.multipliers, least), s.steps, np.full_like(s.error, np.inf))
+
+
+def solve(program: Program, start: State, enough: PerProblem) -> State:
+    """Compute the optimal variables; stop if the optimality error is below `enough`, or after `MAX_STEPS` steps."""
+    result = State(*(x.copy() for x in start))
+    s, which, last = start, np.arange(len(start.steps)), start.steps + MAX_STEPS
+    best, since = start.error.copy(), start.steps.copy()
+    while which.size:
+        halved = s.error < 0.5 * best
+        best, since = np.where(halved, s.error, best), np.where(halved, s.steps, since)
+        stalled = (best < STALLED) & (s.steps >= since + AGAIN) & (s.error < 2 * best)
+        goes_on = (s.error >= enough) & (s.steps < last) & ~stalled  # false if the error is NaN
+        if not goes_on.all():
+            result.store(which[~goes_on], s.chosen(~goes_on))
+            s, program, which = s.chosen(goes_on), program.chosen(goes_on), which[goes_on]
+            enough, last, best, since = (x[goes_on] for x in (enough, last, best, since))
+        if which.size:
+            s = _step(program, s, enough)
+    return result
+
+
+def _step(p: Program, s: State, enough: PerProblem) -> State:
+    """Return the next iterates."""
+    z, inv_slacks, inv_multipliers = s.multipliers, 1 / s.slacks, 1 / s.multipliers
+    ratio = z * inv_slacks
+    at = p.linearise(s.z, z, ratio)
+    count = z[:, 0].size
+    mean = _sum(s.slacks * z) / count
+    residual, gradient = at.values + s.slacks, at.gradient(z)
+    missing = _sum(np.abs(residual) * z)
+    least = BALANCE / count * (np.sum(np.abs(gradient * s.z), axis=1) + missing)
+    target, off = 0.0, residual
+    for last in (False, True):  # the predictor and the corrector
+        change = -at.solved(at.gradient(target * inv_slacks + ratio * off))
+        move = at.move(change)
+        ds = -off - move.rise
+        dz = target * inv_slacks - z - ratio * ds
+        if not last:
+            primal, dual = (np.minimum(longest(*x), 1.0) for x in ((inv_slacks, ds), (inv_multipliers, dz)))
+            part, other = _over(primal, ds), _over(dual, dz)
+            predicted = _sum((s.slacks + part * ds) * (z + other * dz)) / count
+            centring = np.clip((predicted / mean) ** 3, 1e-6, 1.0)
+            target = _over(np.maximum(centring * mean, np.minimum(least, mean)), ds) - part * other * ds * dz
+            off = residual + move.values(primal) - at.values - part * move.rise  # corrects for the curvature
+    primal = np.minimum(BOUNDARY * longest(inv_slacks, ds), WITHIN * move.longest())
+    primal, dual = (np.minimum(x, 1.0) for x in (primal, BOUNDARY * longest(inv_multipliers, dz)))
+    # The optimality error is the sum of the duality gap and the predicted effects of the Newton step and the residuals.
+    improvement = np.sum(np.abs(gradient * change), axis=1) + missing
+    error = np.where(_max(at.values) <= VIOLATED, mean * count + improvement, np.inf) / at.objective
+    # The last step changes only the multipliers, on which the derivatives of the minimum depend.
+    primal = np.where(error < enough, 0.0, primal)
+    return State(
+        s.z + primal[:, None] * change, s.slacks + _over(primal, ds) * ds, z + _over(dual, dz) * dz, s.steps + 1, error
+    )
+
+
+def longest(inverse: np.ndarray, dx: np.ndarray) -> PerProblem:
+    """Return the largest step size, at most 1e3, with x + step·dx ≥ 0, where `inverse` is 1/x > 0.
+
+    The batch axis is the second one.
+    """
+    return 1 / np.maximum(_max(-dx * inverse), 1e-3)
+
+
+def _sum(x: PerConstraint) -> PerProblem:
+    """Return the sum over constraints and nodes for each problem."""
+    return np.add.reduce(x, axis=0).reshape(x.shape[1], -1).sum(axis=1)
+
+
+def _max(x: PerConstraint) -> PerProblem:
+    return np.max(x, axis=0).reshape(x.shape[1], -1).max(axis=1)
+
+
+def _over(x: PerProblem, like: PerConstraint) -> np.ndarray:
+    """Return one number for each problem as an array that broadcasts over the nodes."""
+    return x.reshape(-1, *(1,) * (like.ndim - 2))
