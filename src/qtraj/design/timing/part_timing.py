@@ -35,6 +35,9 @@ SMALL_CELLS = (512, 1024, 2048)
 SLOWER = (3e-5, 3e-4, 3e-3)
 """Fractions by which u̇² is reduced until all limits are proved: in sharp bends, rounding errors exceed the margin."""
 
+LEAST_TOLERANCE = 0.1
+"""Least tolerance, as a fraction of the given one, of a search that leaves room for the time lost by the proofs."""
+
 
 class TimedPart(NamedTuple):
     """The timing of a part: coefficients of u̇², usage and status of limits in each cell, and knots.
@@ -74,8 +77,7 @@ def _solved(p: Posed, part: Part, ends: tuple[Any, tuple[bool, bool]], grid: Gri
         x, excess = searched(p, part, grid, *ends), np.nan
         proofs = _proved(p, x)
     else:
-        x, excess = on_chosen_cells(p, part, *ends)
-        proofs = _proved(p, x)
+        x, excess, proofs = _proved_in_tolerance(p, part, ends)
         if any(isinstance(bound, OfSpeed) for bound in p.bounds.values()) and not _all_proved(p, proofs[2]):
             # Large cells cannot follow a limit that changes within a small range of speeds.
             for cells in SMALL_CELLS:
@@ -84,9 +86,35 @@ def _solved(p: Posed, part: Part, ends: tuple[Any, tuple[bool, bool]], grid: Gri
                     x, excess, proofs = again, np.nan, others
                     break
     powers, usage, codes, slower = proofs
-    excess = excess + (1 - (1 - slower) ** 0.5) * x.times().sum() if slower else excess
+    excess = excess + _lost(x, slower)
     timed = TimedPart(powers, usage, codes, x.knots, x.found, np.asarray(x.enough), np.asarray(excess))
     return Solved((timed, x.grid), powers, x.found.error < x.enough)
+
+
+def _proved_in_tolerance(
+    p: Posed, part: Part, ends: tuple[Any, tuple[bool, bool]]
+) -> tuple[Searched, float, tuple[Any, Any, Any, float]]:
+    """Return a search on chosen cells, the estimated difference to the minimum duration [s], and the proofs.
+
+    If only the time lost by the proofs exceeds the tolerance, another search leaves room for it.
+    """
+    x, excess = on_chosen_cells(p, part, *ends)
+    proofs = _proved(p, x)
+    time, lost = x.times().sum(), _lost(x, proofs[3])
+    if not excess <= p.tolerance * time < excess + lost:
+        return x, excess, proofs
+    finer = p._replace(tolerance=max(p.tolerance - lost / time, LEAST_TOLERANCE * p.tolerance))
+    again, nearer = on_chosen_cells(finer, part, *ends)
+    others = _proved(p, again)
+    better = again.found.error < x.enough and _all_proved(p, others[2])
+    if better and nearer + _lost(again, others[3]) < excess + lost:
+        return again, nearer, others
+    return x, excess, proofs
+
+
+def _lost(x: Searched, slower: float) -> float:
+    """Return the time that is lost if u̇² is reduced by the fraction `slower` [s]."""
+    return (1 - (1 - slower) ** 0.5) * x.times().sum() if slower else 0.0
 
 
 def moving_time(parts: list[tuple[TimedPart, Grid | None]], rest: tuple[bool, bool]) -> float:
