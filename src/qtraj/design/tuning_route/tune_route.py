@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -96,9 +97,10 @@ def tune_route(
     last result, the bank and the friction at a node are those at its distance there, and `certify` checks the final
     route on its own distances.
 
-    Obstacles in `limits.keep_out`, which must not move, are avoided by the whole `body`. Where the given route enters
-    obstacles, the search starts on both sides of each of two of them, and on the nearer side of others; the best result
-    is returned. If obstacles and the tube contradict each other, `advice` says where.
+    Obstacles in `limits.keep_out` are avoided by the whole `body`. Where the given route enters obstacles, the search
+    starts on both sides of each of two of them, and on the nearer side of others; the best result is returned. An
+    obstacle that moves, as a polynomial of the time since the start of the route, is also passed after it and before
+    it. The route must not stop in between then. If obstacles and the tube contradict each other, `advice` says where.
 
     A `Shape` has no times: first its fastest timing is computed, a flying lap if it is closed, from which the search
     starts. The default objective is "fastest", and `closed` is that of the shape. The tube is by default that of its
@@ -203,7 +205,7 @@ def _solution(
         every = np.append(bounds, np.ones(len(own)))
         problem = problem_of(given, names, every, widths, held, objective, kept, closed, road, origin)
         problem = problem._replace(by_speed=all_with_speed(limits.given(), bounds))
-        return around.with_obstacles(problem, own)
+        return around.with_obstacles(problem, own, given.h)
 
     problem = posed(bounds, held, objective, objective == "smoothest")
     if along.changes(limits):
@@ -218,8 +220,8 @@ def _solution(
     fits = objective == "nearest" and nearest_to is None and smooth and found.proved
     if moving.any() and not undefined and not fits:
         begins = around.starts(problem, own) if own else [None]
-        each = [rounds.solved(route, given, limits, widths, problem, max_steps, begin) for begin in begins]
-        found = min(each, key=lambda x: rank(x, objective))
+        order = partial(rank, objective=objective)
+        found = rounds.solved(route, given, limits, widths, problem, max_steps, begins, order)
     advice = ""
     if found.missed is not None and found.proved and limits.varying:
         advice = "Widen the tube, or relax the limits where they are violated."
