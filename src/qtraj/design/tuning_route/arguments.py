@@ -89,6 +89,11 @@ def require_differentiable(limits: Limits, nearest_to: Any) -> None:
             "tune_route does not support a road that changes along the way inside jit, vmap, grad or jvp: call it "
             "outside"
         )
+    if is_traced(limits.keep_out, limits.body):
+        raise ValueError(
+            "tune_route needs obstacles and a body with concrete values: create them outside jit, vmap, grad and jvp. "
+            "Its results have no derivatives with respect to them"
+        )
     if is_traced(limits.vehicle):
         raise ValueError(
             "tune_route needs a vehicle with concrete values: it has no derivatives with respect to the vehicle"

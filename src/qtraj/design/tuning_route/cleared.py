@@ -60,7 +60,7 @@ def values(problem: RouteProblem, s: Segments, r: Float[Any, "q nodes n"], fine:
         reached = problem.reached[k]
         if not isinstance(reached, np.ndarray) or not isinstance(r, np.ndarray):  # inside a trace
             own = clear.value(*_rows(r), at)
-            found.append(xp.where(xp.broadcast_to(reached > 0, own.shape), own, xp.zeros_like(own)))
+            found.append(xp.where(xp.broadcast_to(reached, own.shape), own, xp.zeros_like(own)))
             continue
         own, on = np.zeros(r.shape[1:]), np.flatnonzero(reached)
         own[:, on] = clear.value(*_rows(r[..., on]), None if at is None else at[:, on])

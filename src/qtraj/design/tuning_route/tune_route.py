@@ -10,7 +10,7 @@ import numpy as np
 from qtraj.design.limit_checks import require_known_road
 from qtraj.design.limits import Limits, limits_of, require_limits
 from qtraj.design.obstacles.clear import clears
-from qtraj.design.obstacles.keep_out import checked, refuse_obstacles
+from qtraj.design.obstacles.keep_out import checked
 from qtraj.design.proof.certificate import UNDEFINED
 from qtraj.design.timing.speed_ratio import all_with_speed
 from qtraj.design.tuning_route import along, around, circuit, roads, rounds, target
@@ -139,7 +139,7 @@ def tune_route(
 
     **Raises:** ValueError for a path that is not a route, a batch (use `jax.vmap`), a traced route in float32, an
     unknown objective, a limit on the natural trihedral (which does not exist on straights), traced arguments with a
-    traced vehicle, limits that change along the way or with the speed, a road that changes, obstacles or `nearest_to`;
+    traced vehicle or obstacles, limits that change along the way or by speed, a road that changes or `nearest_to`;
     inside `jit` and `vmap`, a shape, a traced route with stops of `fit_route`, and a closed route with traced times;
     "fastest" without a limit that bounds the speed, `nearest_to` with another objective, half-widths that are not
     positive, a wrong shape, or a `closed` route that does not end where it starts, has only one segment, or has
@@ -165,7 +165,6 @@ def tune_route(
 
     if is_traced(route, limits, tube):
         require_differentiable(limits, nearest_to)
-        refuse_obstacles(limits, "tune_route inside jit, vmap, grad or jvp", "call it outside")
         own = structure(route, limits, names, objective, closed)
         result = differentiable(route, limits, tube, own, solve)
     else:
