@@ -23,7 +23,7 @@ from qtraj.design.tuning_route.arguments import (
 )
 from qtraj.design.tuning_route.curves import largest_of
 from qtraj.design.tuning_route.problem import RouteProblem
-from qtraj.design.tuning_route.remedy import Change, remedy
+from qtraj.design.tuning_route.remedy import Change, remedy, unbounded_jumps
 from qtraj.design.tuning_route.scales import scales
 from qtraj.design.tuning_route.sensitivity import differentiable
 from qtraj.design.tuning_route.setup import Parts, parts, problem_of
@@ -245,6 +245,8 @@ def _solution(
 
         values = dict(zip(names[: len(bounds)], bounds.tolist(), strict=True))
         advice = remedy(values, found, objective, bool(held[[0, -1]].any()), solves)
+    if not found.proved or found.missed is not None:
+        advice = " ".join(x for x in (advice, unbounded_jumps(names, objective)) if x)
     code = ResultCode.limits_undefined if undefined else code_of(found, names)
     result = result_of(given, problem, found, moving, objective, code, advice)
     return Solution(result, found.problem, found.z, found.at, given.curves)
