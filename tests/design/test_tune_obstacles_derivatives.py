@@ -4,12 +4,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from tests.design.route_derivatives import compared
 
 import qtraj as qt
-from qtraj.design.tuning_route import sensitivity
-from qtraj.design.tuning_route.iterate import Iterate
-from qtraj.design.tuning_route.polishing import polished
-from qtraj.design.tuning_route.program import RouteProgram
 
 CAR = [(0.0, 0.5), (2.0, 0.5)]
 OBSTACLES = {
@@ -17,7 +14,6 @@ OBSTACLES = {
     "crossing": qt.Ball([[20.0, -8.4, 0.0], [0.0, 2.0, 0.0]], 1.0),
     "polygon": qt.ConvexPolygon([[19.0, -0.7], [21.0, -0.7], [21.0, 1.3], [19.0, 1.3]]),
 }
-STEP = 1e-5
 THETA = jnp.asarray([0.0, 1.0, 7.0, 3.0])
 """A shift of the fourth and fifth joint to the left [m], a factor of the times, the limit on the speed, the tube."""
 DIRECTION = jnp.asarray([1.0, 0.05, 0.2, 0.1])
@@ -37,40 +33,11 @@ def tuned(theta, kind):
     return qt.tune_route(route, limits, tube=tube)
 
 
-def numbers(theta, kind):
-    best = tuned(theta, kind)
-    return best.path.coefficients, best.path.duration, best.objective, best.displacement
-
-
 @pytest.mark.parametrize("kind", [x if x == "crossing" else pytest.param(x, marks=pytest.mark.slow) for x in OBSTACLES])
 def test_derivatives_are_finite_differences_of_the_solved_problem(kind, monkeypatch):
     """The problem of the last search, with its margins, is solved again for data on both sides."""
-    seen, change = [], sensitivity._change
-    monkeypatch.setattr(sensitivity, "_change", lambda *x: seen.append(x) or change(*x))
-    values, slopes = jax.jvp(lambda x: numbers(x, kind), (THETA,), (DIRECTION,))
-    structure, found, data, _ = seen[0]
-    given = structure.problem(found.fields)
+    values = compared(lambda x: arguments(x, kind), THETA, DIRECTION, monkeypatch)
     assert float(values[2]) > 1e-3, "the obstacle changes the route"
-    length = sensitivity._length(given, data, structure)
-
-    def solved(sign):
-        route, limits, tube = arguments(THETA + sign * STEP * DIRECTION, kind)
-        bounds = jnp.stack([jnp.asarray(limits.given()[name]) for name in structure.names])
-        own = data._replace(starts=route.starts, coefficients=route.coefficients, duration=route.duration)
-        own = own._replace(bounds=bounds, tube=(tube, tube))
-        problem = sensitivity._with_data(given, own, structure, length)
-        program = RouteProgram(
-            type(problem)(*(x if isinstance(x, tuple) or x is None else np.asarray(x) for x in problem))
-        )
-        flat = (program.flat(*x) for x in (found.slacks, found.multipliers, found.margins))
-        at, _, done = polished(program, Iterate(found.z, *flat))
-        assert done
-        path, *rest = sensitivity._assembled(structure, found.fields, own, at.z, route.origin)
-        return path.coefficients, path.duration, *rest[:2]
-
-    for slope, above, below in zip(slopes, solved(1.0), solved(-1.0), strict=True):
-        known = (above - below) / (2 * STEP)
-        np.testing.assert_allclose(slope, known, rtol=1e-5, atol=1e-5 * np.abs(known).max())
 
 
 @pytest.mark.slow

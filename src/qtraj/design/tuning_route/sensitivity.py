@@ -20,8 +20,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from qtraj.design.ellipse import OfSpeed
 from qtraj.design.limits import Limits
-from qtraj.design.tuning_route import circuit, geometry, traced
+from qtraj.design.tuning_route import along, circuit, geometry, traced
 from qtraj.design.tuning_route.constraints import bounds, values
 from qtraj.design.tuning_route.curves import chain, rebuilt
 from qtraj.design.tuning_route.problem import RouteProblem, objective, segments
@@ -68,7 +69,7 @@ def differentiable(route: Route, limits: Limits, tube: Any, s: Structure, solve:
 
 
 def _data(route: Route, limits: Limits, tube: Any, s: Structure) -> Data:
-    given = limits.given()
+    given = {n: along.typical_of(n, x) if isinstance(x, OfSpeed) else x for n, x in limits.given().items()}
     bounds = jnp.stack([jnp.asarray(given[name], float) for name in s.names]) if s.names else jnp.zeros(0)
     widths: Any = tuple(
         _width(x, len(s.curves.owner) + 1, s.padded) for x in (tube if isinstance(tube, tuple) else [tube] * 2)

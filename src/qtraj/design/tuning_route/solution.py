@@ -1,14 +1,18 @@
 """The data of the derivatives of a tuned route: what it depends on, and the search behind it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 from jaxtyping import Array, Float
 
+from qtraj.design.ellipse import OfSpeed
 from qtraj.design.limits import Limits
 from qtraj.design.obstacles.clear import Clear, clears
+from qtraj.design.timing.speed_ratio import all_with_speed
 from qtraj.design.tuning.clearances import Clearances
+from qtraj.design.tuning_route import along
 from qtraj.design.tuning_route.curves import Curves
 from qtraj.design.tuning_route.iterate import Iterate
 from qtraj.design.tuning_route.problem import RouteProblem
@@ -36,7 +40,7 @@ class Structure:
 
     `curves` are those of the route. If the number of segments is unknown (`padded`), each row of the route, padding
     included, is a curve. `parameters` is the number of parameters of the vehicle and its road on which a limit depends.
-    `obstacles` have concrete values. Structures are compared by their values.
+    `obstacles` and the limits `by_speed` have concrete values. Structures are compared by their values.
     """
 
     def __init__(
@@ -48,10 +52,11 @@ class Structure:
         parameters: int = 0,
         padded: bool = False,
         obstacles: Clearances | None = None,
+        by_speed: Mapping[str, OfSpeed] | None = None,
     ):
         """Store the names of the limits, the objective, the curves, and whether the route is closed."""
         self.names, self.kind, self.curves, self.closed, self.padded = names, kind, curves, closed, padded
-        self.parameters, self.obstacles = parameters, obstacles
+        self.parameters, self.obstacles, self.by_speed = parameters, obstacles, dict(by_speed or {})
         self._key = (
             names,
             kind,
@@ -93,7 +98,15 @@ class Structure:
         seam = len(self.curves.first) if self.closed else None
         own: dict[str, Any] = dict.fromkeys(("fine_offset", "fine_tube")) | fields
         own |= {"names": self.constraints, "clear": self.clear, "seam": seam}
+        limits = [self.by_speed.get(name) for name in self.names]
+        sizes = [1.0 if x is None else along.typical_of(name, x) for name, x in zip(self.names, limits, strict=True)]
+        own["by_speed"] = all_with_speed(dict(zip(self.names, limits, strict=True)), sizes)
         return RouteProblem(composed=self.composed, sense=self.curves.reversing, **own)  # type: ignore[arg-type]
+
+
+def _key(limits: Mapping[str, OfSpeed]) -> str:
+    numbers = jax.tree.map(lambda x: np.asarray(x, float).tolist(), [*limits.values()])
+    return repr([*limits, str(jax.tree.structure(numbers)), jax.tree.leaves(numbers)])
 
 
 class Solution(NamedTuple):

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from qtraj.design.ellipse import OfSpeed
 from qtraj.design.limits import Limits, limits_of
 from qtraj.design.on_host import on_host
 from qtraj.design.proof.certificate import UNDEFINED, Certificate
@@ -82,9 +83,10 @@ def structure(route: Route, limits: Limits, names: tuple[str, ...], kind: str, c
     known, obstacles = constants(route), None
     if limits.keep_out is not None:
         obstacles = Clearances(limits.keep_out, limits.body)
+    own = {name: x for name, x in limits.given().items() if isinstance(x, OfSpeed)}
     parameters = len(limits.road(float).numbers) if limits.uses_vehicle else 0
     if not is_traced(known):
-        return Structure(names, kind, curves_of(segments_of(known)), closed, parameters, obstacles=obstacles)
+        return Structure(names, kind, curves_of(segments_of(known)), closed, parameters, False, obstacles, own)
     if route.progress is not None:
         raise ValueError(
             "inside jit and vmap, tune_route cannot change the route next to stops of fit_route, because its curves "
@@ -98,7 +100,7 @@ def structure(route: Route, limits: Limits, names: tuple[str, ...], kind: str, c
         )
     every = np.arange(known.starts.shape[-1] if starts is None else int(np.isfinite(starts).sum()))
     curves = Curves(every, every, np.zeros(every.size, bool), every, np.ones(every.size))
-    return Structure(names, kind, curves, closed, parameters, starts is None, obstacles)
+    return Structure(names, kind, curves, closed, parameters, starts is None, obstacles, own)
 
 
 def solved(s: Structure, data: Data, origin: Any, vehicle: Any, solve: Solve) -> Solution:
@@ -107,7 +109,8 @@ def solved(s: Structure, data: Data, origin: Any, vehicle: Any, solve: Solve) ->
     route, count = from_segments(*built), len(built[0])
     tube = tuple(x[: count + 1] if x.ndim else x for x in map(np.asarray, data.tube))
     others = {} if s.obstacles is None else {"keep_out": s.obstacles.keep_out, "body": s.obstacles.body}
-    limits: Limits = limits_of(dict(zip(s.names, np.asarray(data.bounds).tolist(), strict=True)), vehicle, **others)
+    bounds = dict(zip(s.names, np.asarray(data.bounds).tolist(), strict=True)) | s.by_speed
+    limits: Limits = limits_of(bounds, vehicle, **others)
     return solve(route, limits, tube)  # type: ignore[arg-type]
 
 

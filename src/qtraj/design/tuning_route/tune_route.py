@@ -127,9 +127,9 @@ def tune_route(
 
     **Derivatives**: under `grad`, `jvp`, `jacfwd` and `jacrev`, `path`, `objective`, `displacement` and `delay` have
     the derivatives of the optimum with respect to the route (the states of its joints and its times), the limits and
-    the tube, by the implicit function theorem. The derivatives refer to the problem of the last search, with limits at
-    its instants and constant margins. They are NaN if that search does not converge, or if the limits contradict each
-    other.
+    the tube, by the implicit function theorem; obstacles and limits by speed are constants. The derivatives refer to
+    the problem of the last search, with limits at its instants and constant margins. They are NaN if that search does
+    not converge, or if the limits contradict each other.
 
     Inside `jit` and `vmap`, the search is one operation that runs on the host, for one route after the other. If the
     times of the joints are traced, too, the number of segments is unknown: arrays with one entry for each segment then
@@ -139,7 +139,7 @@ def tune_route(
 
     **Raises:** ValueError for a path that is not a route, a batch (use `jax.vmap`), a traced route in float32, an
     unknown objective, a limit on the natural trihedral (which does not exist on straights), traced arguments with a
-    traced vehicle or obstacles, limits that change along the way or by speed, a road that changes or `nearest_to`;
+    traced vehicle, obstacles or limits by speed, limits that change along the way, a changing road or `nearest_to`;
     inside `jit` and `vmap`, a shape, a traced route with stops of `fit_route`, and a closed route with traced times;
     "fastest" without a limit that bounds the speed, `nearest_to` with another objective, half-widths that are not
     positive, a wrong shape, or a `closed` route that does not end where it starts, has only one segment, or has
