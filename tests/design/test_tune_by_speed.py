@@ -1,6 +1,7 @@
 """`tune` and `tune_route` with limits that depend on the speed: fixed points by hand, SciPy, and differences."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import simpson
@@ -228,9 +229,13 @@ ALWAYS = qt.BySpeed([0, 20], upper=[2, -1])
         ),
         (
             lambda: jax.grad(
-                lambda w: qt.tune_route(CIRCLE, qt.Limits(combined_acceleration=GGV), tube=(w, 0.1)).path.duration
+                lambda x: (
+                    qt.tune_route(
+                        CIRCLE, qt.Limits(lateral_acceleration=qt.BySpeed([0, 9], upper=jnp.stack([x, x]))), tube=0.1
+                    ).path.duration
+                )
             )(2.0),
-            "call it outside",
+            "must have concrete values",
         ),
     ],
 )

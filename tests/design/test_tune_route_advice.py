@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
+from tests.design.test_tune_route import drive
 
 import qtraj as qt
 from qtraj.foundation.outcome import ResultCode
@@ -54,3 +55,23 @@ def test_a_quantity_that_does_not_exist():
     tuned = qt.tune_route(LIFT, qt.Limits(yaw_rate=0.1))
     assert tuned.code == ResultCode.limits_undefined
     np.testing.assert_array_equal(tuned.displacement, 0.0)
+
+
+def test_a_fastest_route_that_does_not_exist():
+    """With a limit on the lateral acceleration alone, the speed may jump; with one on its changes, all is proved."""
+    route, lateral = drive(6, 3.0), qt.BySpeed([0, 30], magnitude=[9, 7])
+    best = qt.tune_route(route, qt.Limits(lateral_acceleration=lateral, speed=30), 2.0, "fastest", max_steps=60)
+    assert not best.certificate.holds
+    assert "also limit longitudinal_acceleration" in best.advice
+    assert "also limit longitudinal_acceleration" in best.result
+
+
+@pytest.mark.parametrize("lateral", [8.0, qt.BySpeed([0, 30], magnitude=[9, 7])], ids=["constant", "by speed"])
+def test_the_fastest_route_along_curved_constraints(lateral):
+    """Without second-order corrections, the steps become tiny, and 300 of them do not suffice."""
+    limits = qt.Limits(lateral_acceleration=lateral, longitudinal_acceleration=(-6, 3))
+    best = qt.tune_route(drive(6, 3.0), limits, 2.0, "fastest")
+    assert best.code == 0
+    assert best.certificate.holds
+    assert best.iterations < 150
+    assert best.objective < 4.1043

@@ -104,6 +104,34 @@ def test_options_with_sides_and_without_limits():
     assert qt.Limits(speed=found["speed"]).varying == ["speed"]
 
 
+def test_options_by_speed():
+    """They are those of a scenario with the same numbers."""
+    found = limits(["longitudinal_acceleration=-6:3@0m/s,-4:0.8@30 m/s", "lateral_acceleration=9@0m/s,7@30m/s"])
+    assert repr(found["longitudinal_acceleration"]) == "BySpeed([0, 30], lower=[-6, -4], upper=[3, 0.8])"
+    assert repr(found["lateral_acceleration"]) == "BySpeed([0, 30], magnitude=[9, 7])"
+    upper = limits(["longitudinal_acceleration=:3@0m/s,:0.8@30m/s"])["longitudinal_acceleration"]
+    assert repr(upper) == "BySpeed([0, 30], upper=[3, 0.8])"
+    assert qt.Limits(**found).varying == list(qt.Limits(**found).given())
+
+
+@pytest.mark.parametrize(
+    ("option", "text"),
+    {
+        "speed=9@0m/s,7@30m/s": "speed",
+        "lateral_acceleration=9@0m/s,7@30": "each with its speed in m/s",
+        "lateral_acceleration=9,7@30m/s": "each with its speed in m/s",
+        "lateral_acceleration=9@30m/s,7@0m/s": "ascending",
+        "longitudinal_acceleration=-6:3@0m/s,2@30m/s": "same sides at all speeds",
+        "longitudinal_acceleration=-6:3@0m/s,:2@30m/s": "same sides at all speeds",
+        "combined_acceleration=8@0m/s,7@30m/s": "in the table [limits] of a scenario",
+    }.items(),
+)
+def test_wrong_options_by_speed(option, text):
+    with pytest.raises(ValueError, match="--limit") as error:
+        limits([option])
+    assert text in str(error.value)
+
+
 def test_a_window_starts_with_the_limit_before_it(folder):
     loaded = read(folder, f'{TRACK}window = [4.5, 9.0]\n[limits]\nspeed = {{column = "limit"}}\n')
     assert repr(retiming(loaded, {}).limits.speed) == "Along([0, 15], [5, 12])"

@@ -1,7 +1,8 @@
 """Parse the option `--limit` of `qtraj route` and `qtraj retime`.
 
 The value of a limit is a number, two sides LOWER:UPPER, steps along the way such as 13.9,8.3@120 (8.3 from 120 m on;
-"none" is no limit), or column:NAME for a column of the recording, whose unit may follow, as in column:maxspeed:km/h.
+"none" is no limit), values at speeds such as 3@0m/s,0.8@30m/s, linear in between, or column:NAME for a column of the
+recording, whose unit may follow, as in column:maxspeed:km/h.
 """
 
 import math
@@ -11,22 +12,25 @@ from qtraj.foundation.suggestion import suggestion
 
 if TYPE_CHECKING:
     from qtraj.design.along import Along
+    from qtraj.design.by_speed import BySpeed
     from qtraj.io.track.limit_columns import LimitColumn
 
 Number = float | tuple[float | None, float | None]
 """A limit on the magnitude, or on two sides of the signed value."""
 
-FORMS = "NAME=VALUE, NAME=LOWER:UPPER, NAME=VALUE,VALUE@DISTANCE or NAME=column:COLUMN"
+FORMS = (
+    "NAME=VALUE, NAME=LOWER:UPPER, NAME=VALUE,VALUE@DISTANCE, NAME=VALUE@SPEEDm/s,VALUE@SPEEDm/s or NAME=column:COLUMN"
+)
 
 HELP = (
     "A limit in SI units, such as speed=13.9, or longitudinal_acceleration=-6:2 for its two sides; speed=13.9,8.3@120 "
-    "changes to 8.3 m/s at 120 m along the way, and speed=column:maxspeed:km/h is a column of the recording and its "
-    "unit. Overrides the scenario; repeatable."
+    "changes to 8.3 m/s at 120 m along the way, longitudinal_acceleration=-6:3@0m/s,-4:0.8@30m/s depends on the speed, "
+    "and speed=column:maxspeed:km/h is a column of the recording and its unit. Overrides the scenario; repeatable."
 )
-COLUMN = "column:"
+COLUMN, BY_SPEED = "column:", "m/s"
 
 
-def limits(texts: list[str] | None) -> "dict[str, Number | Along | LimitColumn]":
+def limits(texts: list[str] | None) -> "dict[str, Number | Along | BySpeed | LimitColumn]":
     """Parse the values of the option.
 
     **Raises:** ValueError for an unknown or repeated name, or a value of another form.
@@ -51,9 +55,11 @@ def limits(texts: list[str] | None) -> "dict[str, Number | Along | LimitColumn]"
     return found
 
 
-def _value(name: str, value: str, text: str) -> "Number | Along | LimitColumn":
+def _value(name: str, value: str, text: str) -> "Number | Along | BySpeed | LimitColumn":
     if value.startswith(COLUMN):
         return _column(name, value.removeprefix(COLUMN).strip(), text)
+    if "@" in value and BY_SPEED in value:
+        return _by_speed(name, value, text)
     return _steps(name, value, text) if "," in value or "@" in value else _constant(name, value, text)
 
 
@@ -102,6 +108,36 @@ def _steps(name: str, value: str, text: str) -> "Along":
     except ValueError as error:
         raise ValueError(f"--limit {name}: {error}") from None
     return along
+
+
+def _by_speed(name: str, value: str, text: str) -> "BySpeed":
+    """Return values VALUE@SPEEDm/s, all of which are magnitudes, or have the same sides."""
+    from qtraj.design.bound import bound_of
+    from qtraj.design.by_speed import BySpeed
+
+    speeds, values = [], []
+    for point in value.split(","):
+        limit, _, speed = (part.strip() for part in point.partition("@"))
+        if not limit or not speed.endswith(BY_SPEED):
+            raise ValueError(
+                f"--limit {name} needs values at speeds such as 3@0m/s,0.8@30m/s, each with its speed in m/s, but "
+                f"{text!r} was given"
+            )
+        speeds.append(_number(speed.removesuffix(BY_SPEED).strip(), text))
+        own = _constant(name, limit, text)
+        values.append(own if isinstance(own, tuple) else (own,))
+    columns = list(zip(*values, strict=False))
+    known = [[x is not None for x in column] for column in columns]
+    if len({len(x) for x in values}) > 1 or any(any(x) and not all(x) for x in known):
+        raise ValueError(f"--limit {name} needs the same sides at all speeds, but {text!r} was given")
+    kinds = ("magnitude",) if len(columns) == 1 else ("lower", "upper")
+    sides: Any = {kind: column for kind, column, x in zip(kinds, columns, known, strict=True) if all(x)}
+    try:
+        found = BySpeed(speeds, **sides)
+        bound_of(found, name)
+    except ValueError as error:
+        raise ValueError(f"--limit {name}: {error}") from None
+    return found
 
 
 def _number(value: str, text: str) -> float:

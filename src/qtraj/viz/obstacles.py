@@ -54,7 +54,7 @@ def draw_obstacles_in_space(axes: Any, limits: Limits, centre: Float[np.ndarray,
 
 
 def _wires(obstacle: Any, centre: np.ndarray, low: float, high: float) -> list[np.ndarray]:
-    """Return closed lines (n, 3) on the surface of an obstacle; none for a half space."""
+    """Return lines (n, 3) on the surface of an obstacle; none for a half space."""
     angle = np.linspace(0.0, 2 * np.pi, 49)
     ring = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
     if isinstance(obstacle, Ball | Ellipsoid):
@@ -71,11 +71,16 @@ def _wires(obstacle: Any, centre: np.ndarray, low: float, high: float) -> list[n
         round_ = float(obstacle.radius) * (ring[:, :1] * first + ring[:, 1:2] * np.cross(along, first))
         point = np.asarray(obstacle.point, float)[0] - centre
         middle = point - (point @ along) * along
-        return [middle + h * along + round_ for h in heights]
+        return _joined([middle + h * along + round_ for h in heights], slice(0, -1, 12))
     if isinstance(obstacle, ConvexPolygon):
         corners = np.asarray(obstacle.vertices)[[*range(len(obstacle.vertices)), 0]] - centre[:2]
-        return [np.append(corners, np.full((len(corners), 1), h), axis=1) for h in heights]
+        return _joined([np.append(corners, np.full((len(corners), 1), h), axis=1) for h in heights], slice(0, -1))
     return []
+
+
+def _joined(rings: list[np.ndarray], points: slice) -> list[np.ndarray]:
+    """Return rings, and lines that join some of their points."""
+    return [*rings, *np.stack(rings, axis=1)[points]]
 
 
 def draw_body(

@@ -12,6 +12,7 @@ import numpy as np
 import xarray
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d import Axes3D  # registers the projection
 
 from qtraj.design.limits import Limits
 from qtraj.foundation.units import symbol
@@ -23,10 +24,11 @@ from qtraj.viz.obstacles import draw_obstacles
 from qtraj.viz.report.along import match
 from qtraj.viz.report.ranges import spike
 from qtraj.viz.road_panels import draw_road, road_panels
+from qtraj.viz.space import draw_space
 from qtraj.viz.style import BAND, BOUND, COLOURS, MARK, RC, RECORD, STYLES, WIDTH, above, head, title
 from qtraj.viz.uncertainty_figure import PALE, WIDE
 
-PANEL, MAP = 1.05, 4.6  # heights [inch]
+PANEL, MAP, SCENE = 1.05, 4.6, 4.4  # heights [inch]
 LEFT = 0.105
 HEIGHT = "height"
 """The first panel, also without a limit on the height."""
@@ -40,8 +42,8 @@ def route_figure(dataset: Any, limits: Limits | None = None) -> Figure:
 
     If the last two paths are "before" and "after", both are drawn, with the lateral distance of "after" from "before".
     `dataset` is the result of `qtraj.io.dataset.path_dataset`, or a path that can be converted to it. Recorded
-    positions are drawn as points behind the line of the path, and so are the obstacles of `limits`. Where a quantity
-    violates its limit, the curve is red.
+    positions are drawn as points behind the line of the path, and so are the obstacles of `limits`, which are also
+    drawn in space, below the map. Where a quantity violates its limit, the curve is red.
 
     **Raises:** ValueError for a dataset without paths, or an object of any other type.
     """
@@ -55,15 +57,20 @@ def route_figure(dataset: Any, limits: Limits | None = None) -> Figure:
     panels = [*dict.fromkeys([HEIGHT, "speed", *limited]), *road, *([] if before is None else [LATERAL])]
     with mpl.rc_context(RC):
         band = BAND if title(dataset) else 0.0
-        height = MAP + PANEL * len(panels) + 0.5 + band
+        scene = SCENE if limits is not None and limits.keep_out else 0.0
+        height = MAP + scene + PANEL * len(panels) + 0.5 + band
         figure = Figure(figsize=(WIDTH, height))
         top = 1 - (band + 0.15) / height
         plan: Any = figure.add_axes((LEFT, top - (MAP - 0.5) / height, 0.94 - LEFT, (MAP - 0.5) / height))
         _draw_map(figure, plan, dataset, path, before)
         if limits is not None:
             draw_obstacles(plan, limits, np.round(path["position"].values[:, :2].mean(axis=0)))
+        if scene:
+            corner = (0.0, top - (MAP + scene - 0.3) / height, 1.0, (scene - 0.3) / height)
+            space: Any = figure.add_axes(corner, projection=Axes3D.name)
+            draw_space(space, dataset.isel(path=[-1]), trihedra=0, limits=limits)
         grid = figure.add_gridspec(
-            len(panels), 1, hspace=0.22, left=LEFT, right=0.985, top=top - MAP / height, bottom=0.5 / height
+            len(panels), 1, hspace=0.22, left=LEFT, right=0.985, top=top - (MAP + scene) / height, bottom=0.5 / height
         )
         way = distance(path)
         label, scale = ("distance travelled [km]", 1000.0) if way[-1] > 1000 else ("distance travelled [m]", 1.0)

@@ -17,7 +17,7 @@ from qtraj.viz.obstacles import draw_obstacles_in_space
 from qtraj.viz.style import AXIS_COLOURS, RC, RECORD, body_axes, head, path_line, title
 
 TRIHEDRA = 6
-MIN_HEIGHT = 0.3  # relative to the extent of the path; gives the z axis of a flat path enough length for ticks
+MIN_EXTENT = 0.3  # the smallest length of an axis, relative to the extent of the path
 ARROW = 0.16  # relative to the extent of the path
 BARB = np.sin(np.radians(16))  # sine of the angle between an arrow and the barbs of its head
 SIZE = (7.6, 5.6)  # [inch]
@@ -86,18 +86,25 @@ def draw_space(
         _draw_velocities(axes, last, centre, extent)
     for end, letter in ((0, "A"), (-1, "B")):
         axes.text(*(positions[-1, end] - centre), f"  {letter}", fontweight="bold")
+    _widen(axes, extent)
     if limits is not None:
         draw_obstacles_in_space(axes, limits, centre, extent)
-    _frame(axes, centre, extent)
+        _widen(axes, extent)
+    _frame(axes, centre)
 
 
-def _frame(axes: Any, centre: np.ndarray, extent: float) -> None:
+def _widen(axes: Any, extent: float) -> None:
+    """Give the axes of a flat or a narrow path enough length for ticks."""
+    for letter in "xyz":
+        low, high = getattr(axes, f"get_{letter}lim")()
+        margin = max(MIN_EXTENT * extent - (high - low), 0.0)
+        getattr(axes, f"set_{letter}lim")(low - margin / 2, high + margin / 2, auto=None)
+
+
+def _frame(axes: Any, centre: np.ndarray) -> None:
     """Set equal axis scales and few ticks, and label the axes with the subtracted coordinates of the centre."""
-    low, high = axes.get_zlim()
-    margin = max(MIN_HEIGHT * extent - (high - low), 0.0)
-    axes.set_zlim(low - margin / 2, high + margin / 2)
     axes.set_aspect("equal", adjustable="box")
-    for axis, ticks in ((axes.xaxis, 6), (axes.yaxis, 6), (axes.zaxis, 3)):
+    for axis, ticks in ((axes.xaxis, 6), (axes.yaxis, 4), (axes.zaxis, 3)):
         axis.set_major_locator(MaxNLocator(ticks))
     axes.view_init(**VIEW)
     for letter, offset in zip("xyz", centre, strict=True):

@@ -90,8 +90,9 @@ class ConvexPolygon(AbstractObstacle):
         edge = np.roll(vertices, -1, axis=0) - vertices
         length = np.linalg.norm(edge, axis=1)
         ahead, normal = edge / length[:, None], np.stack([edge[:, 1], -edge[:, 0]], axis=1) / length[:, None]
-        away = xp.stack([a, b], axis=-1)[..., None, :] - vertices
-        height, along = ((away * v).sum(axis=-1) for v in (normal, ahead))
+        shape = (*a.shape, *vertices.shape)
+        away = xp.broadcast_to(xp.stack([a, b], axis=-1)[..., None, :], shape) - np.broadcast_to(vertices, shape)
+        height, along = ((away * np.broadcast_to(v, shape)).sum(axis=-1) for v in (normal, ahead))
         wall = xp.argmax(height, axis=-1)
         own = xp.take_along_axis(along, wall[..., None], axis=-1)[..., 0]
         corner = xp.where(own < 0, wall, (wall + 1) % len(vertices))
@@ -99,9 +100,11 @@ class ConvexPolygon(AbstractObstacle):
         n, v, c = (xp.take(x, k, axis=0) for x, k in ((normal, wall), (vertices, wall), (vertices, corner)))
         straight = (x - v[..., 0]) * n[..., 0] + (y - v[..., 1]) * n[..., 1]
         # Away from corners the root is that of 1.
-        dx, dy = (x - c[..., 0]) * (1.0 * at_corner), (y - c[..., 1]) * (1.0 * at_corner)
-        rounded = sqrt(dx * dx + dy * dy + 1.0 * ~at_corner)
-        return 1.0 + reach - (straight * (1.0 * ~at_corner) + rounded * (1.0 * at_corner))
+        round_ = xp.where(at_corner, xp.ones_like(a), xp.zeros_like(a))
+        flat = 1.0 - round_
+        dx, dy = (x - c[..., 0]) * round_, (y - c[..., 1]) * round_
+        rounded = sqrt(dx * dx + dy * dy + flat)
+        return 1.0 + reach - (straight * flat + rounded * round_)
 
     def outside(self, place: Place, reach: Fraction) -> AnyClaim:
         """Return the claim that a ball does not enter; see `AbstractObstacle`.

@@ -16,7 +16,7 @@ import numpy as np
 
 from qtraj.design.solve.elastic import barrier, closed, elastic_newton, gaps_of, relaxed, stiffness
 from qtraj.design.solve.iterate import Iterate, Rules, Search, Step
-from qtraj.design.solve.program import Linear, PerConstraint, Program, Variables
+from qtraj.design.solve.program import Linear, PerConstraint, Program, Solver, Variables
 
 TOLERANCE = 1e-7
 """The search ends if no residual of the optimality conditions is larger than this."""
@@ -29,6 +29,9 @@ SHIFT, MOST_SHIFT = 1e-6, 1e10
 
 TRIALS = 14
 """Maximum number of step sizes, each half of the previous one."""
+
+CORRECTED = 6
+"""A rejected step is corrected for the curvature of the constraints in this number of first trials."""
 
 SUFFICIENT = 1e-4
 
@@ -198,10 +201,18 @@ def _stepped(program: Program, search: Search, linear: Linear, step: Step, rules
     if step.excess is not None:
         elastic, before = np.isfinite(program.price), np.asarray(at.excess)
         part = min(part, longest(before[elastic], step.excess[elastic], keep))
-    for _ in range(TRIALS):
+    solver = None
+    for k in range(TRIALS):
         z, slacks, excess, merit = _trial(program, search, step, gaps, part, bounded)
-        if np.isfinite(merit) and merit <= initial + SUFFICIENT * part * slope + 1e-13 * abs(initial):
+        most = initial + SUFFICIENT * part * slope + 1e-13 * abs(initial)
+        if np.isfinite(merit) and merit <= most:
             break
+        if excess is None and k < CORRECTED and (solver := solver or linear.solver(search.shift)):
+            own = _corrected(program, search, step, linear, solver, part)
+            if longest(at.slacks, own.slacks, keep) == 1.0:
+                z, slacks, excess, merit = _trial(program, search, own, gaps, 1.0, bounded)
+                if np.isfinite(merit) and merit <= most:
+                    break
         part *= 0.5
     else:
         return replace(search, stuck=True)
@@ -210,6 +221,20 @@ def _stepped(program: Program, search: Search, linear: Linear, step: Step, rules
         dual = min(dual, longest(program.price - at.multipliers, -step.multipliers, keep))
     multipliers = np.clip(at.multipliers + dual * step.multipliers, mu / (CAP * slacks), CAP * mu / slacks)
     return replace(search, at=Iterate(z, slacks, multipliers, at.margins, excess), steps=search.steps + 1)
+
+
+def _corrected(program: Program, search: Search, step: Step, linear: Linear, solver: Solver, part: float) -> Step:
+    """Return a part of a step with a correction for the curvature of the constraints.
+
+    Along curved constraints, the merit function rejects good steps because of the squares of the step in the
+    constraints (Maratos' effect; Nocedal and Wright, section 18.3). The correction is the Newton step for the residuals
+    after the step alone.
+    """
+    at = search.at
+    z, slacks = part * step.z, part * step.slacks
+    residuals = program.evaluate(at.z + z)[1] - at.margins + at.slacks + slacks
+    dz = linear.completed(solver(-linear.pulled(at.multipliers / at.slacks * residuals)))
+    return step._replace(z=z + dz, slacks=slacks - residuals - linear.pushed(dz))
 
 
 def _trial(

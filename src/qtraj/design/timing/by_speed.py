@@ -9,6 +9,7 @@ the Lagrangian omits negative second derivatives, which replaces √a by its tan
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -44,6 +45,16 @@ class Curve(NamedTuple):
         rate = np.divide(0.5 * self.pace, root, out=np.zeros_like(speed), where=root > 0)
         turn = np.divide(-0.5 * rate, a, out=np.zeros_like(speed), where=root > 0)
         return self.start + np.sum(self.slopes * value, axis=0), first * rate, second * rate**2 + first * turn
+
+    def in_jax(self, a: Any) -> Any:
+        """Return the values as a function of JAX, for positive arrays `a` with as many axes as the nodes."""
+        slopes, speeds, widths, pace = (jnp.asarray(x) for x in self[1:])
+        x = (pace * jnp.sqrt(a))[None] - speeds
+        width = jnp.abs(widths)
+        t = jnp.clip(x / width, -1.0, 1.0)
+        s = jnp.clip(t, 0.0, 1.0)
+        rounded = jnp.where(widths > 0, 0.25 * width * (t + 1) ** 2, width * s**2 * (2 - s))
+        return self.start + jnp.sum(slopes * jnp.where(x > width, x, rounded), axis=0)
 
     def scaled(self, factor: Any) -> "Curve":
         """Return the function multiplied by `factor`, a number or an array at the nodes."""

@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from qtraj.algebra.jets import Jet
@@ -42,6 +44,8 @@ class SpeedLimit:
 
     def at(self, square: Any) -> Any:
         """Return the relative limit at a squared speed [m²/s²], a jet or an array; for a jet, a jet."""
+        if isinstance(square, jax.Array):
+            return self._differentiable(square)
         return _applied(square, self.values(value_of(square)))
 
     def values(self, square: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -50,6 +54,11 @@ class SpeedLimit:
         value, *derivatives = (x.reshape(square.shape) for x in self._curve.values(square.reshape(1, -1)))
         low = value < self._least
         return np.where(low, self._least, value), *(np.where(low, 0.0, x) for x in derivatives)  # type: ignore[return-value]
+
+    def _differentiable(self, square: Any) -> Any:
+        """Return the relative limit at squared speeds (nodes, n) as a function that JAX differentiates."""
+        value = self._curve.in_jax(square)
+        return jnp.where(value < self._least, self._least, value)
 
 
 class SpeedEllipse:
@@ -66,6 +75,9 @@ class SpeedEllipse:
     def square(self, i: Invariants, square: Any) -> Any:
         """Return (a_τ/x)² + (a_n/y)² in the units of `i`; `square` is the squared speed [m²/s²]."""
         v2, ahead = value_of(square), value_of(i.B) > 0
+        if isinstance(v2, jax.Array):
+            along = i.B / jnp.where(ahead, self._accelerating.at(v2), self._braking.at(v2))
+            return (along * along + i.N / self._lateral.at(v2) ** 2) / i.S
         each = zip(self._accelerating.values(v2), self._braking.values(v2), strict=True)
         x, y = _applied(square, tuple(np.where(ahead, p, q) for p, q in each)), self._lateral.at(square)
         along = i.B / x

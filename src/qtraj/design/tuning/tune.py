@@ -114,8 +114,9 @@ def tune(
     `optax.GradientTransformation` such as `optax.adam(1e-2)`, or with "lbfgs" or "adam" (learning rate 1e-2), all
     searches of a batch first take `inner_steps` steps of the optimiser together, on an accelerator if there is one.
     "sqp" then continues from the four best results of each problem, and starts from the initial states, too. This is
-    worth its compilation for large batches with many starts. `max_steps` is the maximum number of steps of "sqp". Reuse
-    the same optimiser object to avoid recompilation.
+    worth its compilation for large batches with many starts. `max_steps` is the maximum number of steps of "sqp"; if
+    limits remain violated, the search for the smallest violation has at most six times as many. A search that they end
+    is "not converged", with `converged` false. Reuse the same optimiser object to avoid recompilation.
 
     A callable objective must be a pure function. Its value may have any unit: the search takes the scale from the first
     and second derivatives, so a constant or a factor in the objective changes neither the path nor the status, up to

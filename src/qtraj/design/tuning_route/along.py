@@ -30,10 +30,11 @@ def changes(limits: Limits) -> bool:
 
 def typical(limits: Limits) -> Float[np.ndarray, " limits"]:
     """Return the limits; the strictest value of each limit that changes along the way or with the speed."""
-    return np.array([_typical(name, bound) for name, bound in limits.given().items()])
+    return np.array([typical_of(name, bound) for name, bound in limits.given().items()])
 
 
-def _typical(name: str, bound: Any) -> float:
+def typical_of(name: str, bound: Any) -> float:
+    """Return a limit, or its strictest value if it changes."""
     if isinstance(bound, Ellipse):
         return 1.0
     if not isinstance(bound, Changing):

@@ -6,8 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from qtraj.design.along import Variable
 from qtraj.design.bound import numbers
 from qtraj.design.ellipse import OfSpeed
+from qtraj.design.limit_checks import refuse_changing
 from qtraj.design.limits import Limits, require_limits
 from qtraj.design.own_limits import require_reduced
 from qtraj.design.proof.certificate import require_float64
@@ -83,11 +85,24 @@ def require_differentiable(limits: Limits, nearest_to: Any) -> None:
     """Raise a ValueError for limits or a path that `tune_route` supports only for concrete arguments."""
     if nearest_to is not None:
         raise ValueError("tune_route does not support nearest_to inside jit, vmap, grad or jvp: call it outside")
-    limits.require_constant("tune_route inside jit, vmap, grad or jvp", "call it outside")
+    own = {name: x for name, x in limits.given().items() if isinstance(x, Variable)}
+    by_speed = {name: x for name, x in own.items() if isinstance(x, OfSpeed)}
+    along_way = {name: x for name, x in own.items() if name not in by_speed}
+    refuse_changing(along_way, "tune_route inside jit, vmap, grad or jvp", "call it outside")
+    if is_traced(by_speed):
+        raise ValueError(
+            "tune_route needs limits by speed with concrete values: create them outside jit, vmap, grad and jvp. Its "
+            "results have no derivatives with respect to them"
+        )
     if limits.along_road:
         raise ValueError(
             "tune_route does not support a road that changes along the way inside jit, vmap, grad or jvp: call it "
             "outside"
+        )
+    if is_traced(limits.keep_out, limits.body):
+        raise ValueError(
+            "tune_route needs obstacles and a body with concrete values: create them outside jit, vmap, grad and jvp. "
+            "Its results have no derivatives with respect to them"
         )
     if is_traced(limits.vehicle):
         raise ValueError(

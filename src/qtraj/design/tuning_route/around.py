@@ -10,7 +10,7 @@ import numpy as np
 from qtraj.design.limits import Limits
 from qtraj.design.obstacles.clear import Clear
 from qtraj.design.obstacles.keep_out import clearances_at
-from qtraj.design.tuning_route import basis
+from qtraj.design.tuning_route import basis, cleared, retimed
 from qtraj.design.tuning_route.constraints import derivatives
 from qtraj.design.tuning_route.problem import RouteProblem, segments
 from qtraj.path.driving import Driving
@@ -26,8 +26,6 @@ SHIFTS = np.linspace(0.0, 1.0, 21)[1:]
 def require_possible(route: Route, limits: Limits, held: np.ndarray) -> None:
     """Raise a ValueError if the body is inside an obstacle at a fixed end, or for obstacles that are not supported."""
     obstacles = limits.keep_out or ()
-    if any(x.moves for x in obstacles):
-        raise ValueError("tune_route does not support obstacles that move: check the result with qtraj.certify")
     if limits.body is not None and limits.body.turns and np.any(np.asarray(Driving.along(route).signs) < 0):
         raise ValueError(
             "tune_route does not support a body with offsets on a route that reverses: use route.window(t0, t1) for "
@@ -36,7 +34,10 @@ def require_possible(route: Route, limits: Limits, held: np.ndarray) -> None:
     for k, (t, where) in enumerate(((0.0, "start"), (float(np.asarray(route.duration)), "end"))):
         fixed = held[-k, :2].all() if limits.body is not None and limits.body.turns else held[-k, 0]
         if obstacles and fixed:
-            for name, value in clearances_at(obstacles, limits.body, route, np.array([t])).items():
+            found = clearances_at(obstacles, limits.body, route, np.array([t])).items()
+            for (name, value), x in zip(found, obstacles, strict=True):
+                if k and x.moves:  # the route may end at another time
+                    continue
                 if float(np.asarray(value)[0]) < 0:  # NaN where the direction of the body is not known
                     raise ValueError(
                         f"at the {where} of the route, which is fixed, the body is inside {name}, by "
@@ -44,18 +45,25 @@ def require_possible(route: Route, limits: Limits, held: np.ndarray) -> None:
                     )
 
 
-def with_obstacles(problem: RouteProblem, own: tuple[Clear, ...]) -> RouteProblem:
+def with_obstacles(problem: RouteProblem, own: tuple[Clear, ...], h: np.ndarray) -> RouteProblem:
     """Return the problem with the constraints, whose names the problem contains already.
 
-    Obstacles that no route within the tube reaches are not used.
+    Obstacles at rest that no route within the tube reaches are not used. `h` (n,) are the durations of the segments.
+
+    **Raises:** ValueError for obstacles that move and a route that stops before it changes again.
     """
     if not own:
         return problem
     problem = problem._replace(clear=own)
+    if any(x.track is not None for x in own):
+        _require_one_drive(problem)
+        problem = problem._replace(starts=np.cumsum(h) - h)
     used, position = problem.used.copy(), _positions(problem, np.zeros(problem.free.shape))
     width = np.sqrt(problem.fine_tube.sum(axis=0).max(axis=0))
     chord = np.linalg.norm(np.diff(position, axis=1), axis=0).max(axis=0)
     for k, x in enumerate(own):
+        if x.track is not None:  # the time at which the vehicle is at a point changes
+            continue
         points = np.moveaxis(position, 0, -1)
         distance = np.asarray(x.obstacle.distance(points, np.zeros(points.shape[:-1]))).min(axis=0)
         reach = x.radius + float(np.linalg.norm(x.offset)) + width + chord
@@ -65,8 +73,22 @@ def with_obstacles(problem: RouteProblem, own: tuple[Clear, ...]) -> RouteProble
     return problem._replace(used=used, reached=reached)
 
 
+def _require_one_drive(problem: RouteProblem) -> None:
+    """Raise a ValueError if the times of segments that change depend on more than the times of their own joints."""
+    changes = np.flatnonzero(problem.moving)
+    stops = changes.size and changes[-1] - changes[0] + 1 > changes.size
+    if problem.composed is not None or stops:
+        raise ValueError(
+            "tune_route does not support obstacles that move on a route with stops in between: use "
+            "route.window(t0, t1) for each drive, with obstacles whose polynomials start at t0"
+        )
+
+
 def starts(problem: RouteProblem, own: tuple[Clear, ...]) -> list[np.ndarray]:
-    """Return the variables from which searches start: the route itself, or shifted to both sides of obstacles."""
+    """Return the variables from which searches start: the route itself, or shifted to both sides of obstacles.
+
+    An obstacle that moves may also be passed at another time, after it or before it.
+    """
     zero = np.zeros(problem.free.shape)
     hit = _hit(problem, zero, own)
     found = []
@@ -74,11 +96,14 @@ def starts(problem: RouteProblem, own: tuple[Clear, ...]) -> list[np.ndarray]:
         rows = [k for k, x in enumerate(own) if x.name == name]
         inside = np.asarray(hit[rows].any(axis=(0, 1)))
         if inside.any():
-            found.append([_shifted(problem, own, rows, inside, side) for side in (1.0, -1.0)])
+            each = [_shifted(problem, own, rows, inside, side) for side in (1.0, -1.0)]
+            if own[rows[0]].track is not None:
+                each += retimed.starts(problem, inside, lambda z, rows=rows: not _hit(problem, z, own)[rows].any())
+            found.append(each)
     if not found:
         return [zero]
-    nearer = [min(pair, key=lambda z: float(np.abs(z).max())) for pair in found]
-    sides = [pair if k < BOTH_SIDES else [near] for k, (pair, near) in enumerate(zip(found, nearer, strict=True))]
+    nearer = [min(each[:2], key=lambda z: float(np.abs(z).max())) for each in found]
+    sides = [each if k < BOTH_SIDES else [near] for k, (each, near) in enumerate(zip(found, nearer, strict=True))]
     return [_largest(choice) for choice in itertools.product(*sides)]
 
 
@@ -108,8 +133,8 @@ def _hit(problem: RouteProblem, z: np.ndarray, own: tuple[Clear, ...]) -> np.nda
     """Return whether a ball enters an obstacle at each node of the segments that may change (clear, nodes, n)."""
     s = segments(problem, z)
     r = derivatives(problem, s.ends)
-    rows = [tuple(r[k : k + 3]) for k in (0, 3)]
-    return np.stack([np.asarray(x.value(*rows)) > 1.0 for x in own]) & (problem.moving > 0)
+    position, velocity, at = tuple(r[:3]), tuple(r[3:6]), cleared.times(s)
+    return np.stack([np.asarray(x.value(position, velocity, at)) > 1.0 for x in own]) & (problem.moving > 0)
 
 
 def _positions(problem: RouteProblem, z: np.ndarray) -> np.ndarray:

@@ -5,13 +5,14 @@ y = (p, hv, h²a) at both ends of a segment (see `basis`). The chain rule for y 
 states and times of the segment's joints, in world axes. A matrix for each joint converts them to the variables.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from qtraj.design.solve.chain import Border, Chain
 from qtraj.design.tuning_route import basis, circuit
+from qtraj.design.tuning_route.cleared import Clock
 from qtraj.design.tuning_route.constraints import Curvature, Expansion
 from qtraj.design.tuning_route.problem import BLOCK, RouteProblem, Segments, bent, factors, off_target, squared_jerk
 
@@ -26,6 +27,7 @@ class Local(NamedTuple):
 
     ends: Float[np.ndarray, "6 3 n"]
     h: Float[np.ndarray, " n"]
+    start: Any = None
 
 
 class LocalSecond(NamedTuple):
@@ -33,11 +35,13 @@ class LocalSecond(NamedTuple):
 
     The axes of `ends` (6, 6, 3, 3, n) are two indices of scaled end states, two components and the segment. `mixed`
     (6, 3, n) are derivatives with respect to a scaled end state and the duration, and `h` with respect to the duration.
+    `start` are those that contain the times at the starts; None if no obstacle moves.
     """
 
     ends: Float[np.ndarray, "6 6 3 3 n"]
     mixed: Float[np.ndarray, "6 3 n"]
     h: Float[np.ndarray, " n"]
+    start: Clock | None = None
 
 
 def objective_first(problem: RouteProblem, s: Segments) -> Local:
@@ -72,7 +76,8 @@ def constraints_first(
     table = basis.table(0, dense=problem.dense)[0]
     ends = _pulled(at.slopes, weights[:-2], problem) + _combined(table, tube)
     h = np.sum(weights[:-2] * at.rates, axis=(0, 1))
-    return Local(ends, h - low / problem.shortest + high / problem.longest)
+    start = None if at.clocks is None else np.sum(weights[-2 - len(at.clocks) : -2] * at.clocks, axis=(0, 1))
+    return Local(ends, h - low / problem.shortest + high / problem.longest, start)
 
 
 def constraints_second(
@@ -95,7 +100,12 @@ def constraints_second(
     )
     low, high = of_bounds
     h = np.sum(curvature.h, axis=0) + low / problem.shortest**2 + high / problem.longest**2
-    return LocalSecond(ends.reshape(6, 6, 3, 3, n), _of_ends(curvature.mixed, problem), h)
+    own, start = curvature.clock, None
+    if own is not None:
+        mixed = np.zeros(curvature.mixed.shape)
+        mixed[: len(own.mixed)] = own.mixed
+        start = Clock(_of_ends(mixed, problem), np.sum(own.h, axis=0), np.sum(own.own, axis=0))
+    return LocalSecond(ends.reshape(6, 6, 3, 3, n), _of_ends(curvature.mixed, problem), h, start)
 
 
 def pushed(
@@ -107,6 +117,8 @@ def pushed(
     r = (rows.reshape(-1, 6) @ change.ends.reshape(6, -1)).reshape(q // 3, nodes, 3, n)
     found = np.einsum("pkcan,kacn->pan", at.slopes.reshape(limits, q // 3, 3, nodes, n), r)
     found += change.h * at.rates
+    if at.clocks is not None:
+        found[limits - len(at.clocks) :] += change.start * at.clocks
     flat = basis.table(0, dense=problem.dense)[0] @ change.ends.reshape(6, -1)
     shift = np.moveaxis(flat.reshape(nodes, 3, n), 1, 0)
     away = 2 * at.away * shift
@@ -115,11 +127,11 @@ def pushed(
 
 
 def changed_ends(
-    problem: RouteProblem, s: Segments, states: Float[np.ndarray, "6 3 n"], dh: Float[np.ndarray, " n"]
+    problem: RouteProblem, s: Segments, states: Float[np.ndarray, "6 3 n"], dh: Float[np.ndarray, " n"], later: Any
 ) -> Segments:
-    """Return the changes of the segments for changes of the states at their ends and of the durations."""
+    """Return the changes of the segments for changes of states at their ends, durations and starts."""
     ends = factors(problem, s.h) * states + _POWERS * s.ends * (dh / s.h)
-    return Segments(dh, ends, ends)
+    return Segments(dh, ends, ends, later)
 
 
 def _pulled(
@@ -178,6 +190,8 @@ def gradient(problem: RouteProblem, turns: Float[np.ndarray, "joints 10 10"], s:
     for k, (joints, sign) in enumerate(((np.s_[:-1], -1), (np.s_[1:], 1))):
         total[joints, :9] += states[:, k]
         total[joints, 9] += sign * h * _per_time(problem)
+    if first.start is not None:
+        total[:-1, 9] += first.start
     return np.einsum("nij,ni->nj", turns, circuit.gathered(problem, total))
 
 
@@ -229,4 +243,22 @@ def segment_hessian(
     found[:, :, :9, :, 9] = mixed[:, :, :, None] * sign
     found[:, :, 9, :, :9] = sign[:, None, None] * mixed[:, None]
     found[:, :, 9, :, 9] = np.multiply.outer(h, np.outer(sign, sign))
+    if second.start is not None:
+        _add_starts(found, second.start, factor, grown)
     return found
+
+
+def _add_starts(
+    rows: Float[np.ndarray, "n 2 10 2 10"],
+    own: Clock,
+    factor: Float[np.ndarray, "6 1 n"],
+    grown: Float[np.ndarray, "6 3 n"],
+) -> None:
+    """Add the second derivatives that contain the time at the start, which is that of the first joint."""
+    states = np.moveaxis(factor * own.mixed, -1, 0).reshape(len(rows), 2, 9)
+    h = own.h + np.sum(grown * own.mixed, axis=(0, 1))
+    rows[:, :, :9, 0, 9] += states
+    rows[:, 0, 9, :, :9] += states
+    rows[:, 0, 9, 0, 9] += own.own - 2 * h
+    rows[:, 0, 9, 1, 9] += h
+    rows[:, 1, 9, 0, 9] += h

@@ -7,8 +7,7 @@ horizontal and the vertical distance from the original path at equal fractions o
 
 The limits are formulas of r', r'' and r''', the derivatives of the path with respect to u = t/h. The square of a
 quantity is proportional to h⁻²ᵖ, where p is the power of 1/s in its unit, which gives its derivatives with respect to
-the duration h. In the unit of time h, gravity is g h², so formulas that contain it depend on h in addition, and so do
-limits that depend on the speed (see `speed_ratio`).
+the duration h. In the unit of time h, gravity is g h². Formulas with it and limits by speed also depend on h.
 """
 
 from typing import Any, NamedTuple
@@ -18,7 +17,7 @@ from jaxtyping import Float
 
 from qtraj.algebra.jets import coordinates, sqrt
 from qtraj.design.timing.speed_ratio import SpeedEllipse, WithSpeed, value_of
-from qtraj.design.tuning_route import basis
+from qtraj.design.tuning_route import basis, cleared
 from qtraj.design.tuning_route.problem import RouteProblem, Segments, joined
 from qtraj.foundation.namespace import matmul, xp
 from qtraj.path.clearance_quantity import names_obstacle
@@ -184,11 +183,7 @@ def _values(problem: RouteProblem, s: Segments, fine: bool) -> Float[Any, "const
     if problem.dense:
         r = in_time(r, problem.fine_rates if fine else problem.rates, problem.first)
     names = problem.names[: len(problem.names) - len(problem.clear)]
-    found = ratios(problem, names, r, s.h[None])
-    for k, clear in enumerate(problem.clear):
-        own, on = np.zeros(r.shape[1:]), np.flatnonzero(problem.reached[k])
-        own[:, on] = clear.value(*(tuple(r[j : j + 3][..., on]) for j in (0, 3)))
-        found.append(own)
+    found = [*ratios(problem, names, r, s.h[None]), *cleared.values(problem, s, r, fine)]
     return xp.concatenate([xp.stack(found) * units(problem, s.h, r.shape[1]), inside])
 
 
@@ -202,29 +197,34 @@ class Expansion(NamedTuple):
 
     `slopes` (limits, q, nodes, n) are the derivatives of the limits with respect to the derivatives of the path with
     respect to u, and `rates` (limits, nodes, n) those with respect to the duration. `away` (3, nodes, n) is the
-    displacement from the original path. The last two constraints are those of the tube.
+    displacement from the original path. The last two constraints are those of the tube. `clocks` (clear, nodes, n)
+    are the derivatives of the clearances with respect to the times at the starts; None if no obstacle moves.
     """
 
     values: Float[np.ndarray, "constraints nodes n"]
     slopes: Float[np.ndarray, "limits q nodes n"]
     rates: Float[np.ndarray, "limits nodes n"]
     away: Float[np.ndarray, "3 nodes n"]
+    clocks: Any = None
 
     def part(self, k: Any) -> "Expansion":
         """Return the constraints of some segments."""
-        return Expansion(*(x[..., k] for x in self))
+        found: Any = (None if x is None else x[..., k] for x in self)
+        return Expansion(*found)
 
 
 class Curvature(NamedTuple):
     """Second derivatives of a sum over the limits at the nodes.
 
     `path` (q, q, nodes, n) are those with respect to the derivatives of the path with respect to u, `mixed` (q, nodes,
-    n) those with respect to these and the duration, and `h` (nodes, n) those with respect to the duration.
+    n) those with respect to these and the duration, and `h` (nodes, n) those with respect to the duration. `clock` are
+    those that contain the times at the starts; None if no obstacle moves.
     """
 
     path: Float[np.ndarray, "q q nodes n"]
     mixed: Float[np.ndarray, "q nodes n"]
     h: Float[np.ndarray, "nodes n"]
+    clock: cleared.Clock | None = None
 
 
 def expand(
@@ -266,19 +266,20 @@ def expand(
         twice += stiff * rate[k] ** 2
         second += w * bent[:q, :q]
         second += (stiff * slope[k])[:, None] * slope[k]
-    for j, clear in enumerate(problem.clear):
-        k, on = len(names) + j, np.flatnonzero(problem.reached[j])
-        numbers = coordinates(r[:6][..., on])
-        g = clear.value(numbers[:3], numbers[3:])
-        value[k], slope[k], rate[k] = 0.0, 0.0, 0.0
-        value[k][:, on], slope[k][:6, :, on] = g.value, g.gradient
-        bent = weights[k][:, on] * g.hessian + (stiffness[k][:, on] * g.gradient)[:, None] * g.gradient
-        second[:6, :6, :, on] += bent
+    clocks, clock = None, None
+    if problem.clear:
+        of = np.s_[len(names) : len(unit)]
+        own = cleared.expand(problem, s, r, weights[of], stiffness[of])
+        value[of], rate[of], slope[of] = own.values, own.rates, 0.0
+        slope[of, : cleared.STATE] = own.slopes
+        second[: cleared.STATE, : cleared.STATE] += own.path
+        mixed[: cleared.STATE] += own.mixed
+        twice, clocks, clock = twice + own.twice, own.clocks, own.clock
     if problem.dense:
         mixed = _in_parameter(mixed[None], None, problem.rates, problem.first)[0][0]
         slope, second = _in_parameter(slope, second, problem.rates, problem.first)
     values = np.concatenate([value, near(away, problem.tube)])
-    return Expansion(values, slope, rate, away), Curvature(second, mixed, twice)
+    return Expansion(values, slope, rate, away, clocks), Curvature(second, mixed, twice, clock)
 
 
 def _in_parameter(slope: np.ndarray, curvature: Any, rates: np.ndarray, lowest: int) -> tuple[np.ndarray, Any]:

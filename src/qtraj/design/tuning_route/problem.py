@@ -42,6 +42,7 @@ class RouteProblem(NamedTuple):
     `local` (limits, fine, n): the squares of limits that change along the way, at the fine nodes; None if no limit
     changes. `road` (parameters, fine, n): the `RoadParameters` there; None if no limit depends on them.
     `by_speed`: how each limit depends on the speed (see `speed_ratio`), or None.
+    `starts` (n,) [s]: the times at the starts of the original segments, or None if no obstacle moves.
     `target` (6, 3, n) [m]: the scaled end states of the path in the objective "nearest" minus `ends`; None without one.
 
     The objective is the sum over segments of δᵀ`near`δ + `pace`(h/h₀ − 1)² + `jerk`∫|r⃛|²dt + `time`·h, where δ is the
@@ -90,6 +91,7 @@ class RouteProblem(NamedTuple):
     reached: Any = None
     shifts: Any = None
     by_speed: Any = None
+    starts: Any = None
 
     @property
     def on_duration(self) -> bool:
@@ -122,7 +124,7 @@ class RouteProblem(NamedTuple):
 OF_SEGMENTS = (
     *("ends", "durations", "moving", "offset", "fine_offset", "tube", "fine_tube", "used"),
     *("shortest", "longest", "near", "pace", "jerk", "time", "per_time", "composed", "rates", "fine_rates", "local"),
-    *("road", "target", "origins", "reached", "sense"),
+    *("road", "target", "origins", "reached", "sense", "starts"),
 )
 
 
@@ -130,15 +132,17 @@ class Segments(NamedTuple):
     """The segments for some variables.
 
     `h` are the durations, `ends` (6, 3, n) the scaled end states (see `basis`) [m], and `change` their changes [m].
+    `start` (n,) [s] are the times at the starts, or None if no obstacle moves.
     """
 
     h: Float[Any, " n"]
     change: Float[Any, "6 3 n"]
     ends: Float[Any, "6 3 n"]
+    start: Any = None
 
     def part(self, k: Any) -> "Segments":
         """Return some of the segments."""
-        return Segments(*(x[..., k] for x in self))
+        return Segments(*(None if x is None else x[..., k] for x in self))
 
 
 def joined(problem: RouteProblem, parts: list[Any], groups: list[Any] | None = None) -> Any:
@@ -146,6 +150,8 @@ def joined(problem: RouteProblem, parts: list[Any], groups: list[Any] | None = N
 
     `groups` contains the indices of the segments, by default those of `RouteProblem.groups`.
     """
+    if parts[0] is None:
+        return None
     if isinstance(parts[0], tuple):
         fields = [joined(problem, list(x), groups) for x in zip(*parts, strict=True)]
         return type(parts[0])(*fields) if hasattr(parts[0], "_fields") else tuple(fields)
@@ -164,22 +170,26 @@ def factors(problem: RouteProblem, h: Float[Any, " n"]) -> Float[Any, "6 1 n"]:
 
 def segments(problem: RouteProblem, z: Float[Any, "joints 10"]) -> Segments:
     """Return the segments for the variables `z`."""
-    shifts, longer = moved(problem, z)
+    shifts, longer, later = moved(problem, z)
     h0 = problem.durations
     h = h0 + longer
     # h v − h₀v₀ = h δv + (h − h₀)v₀ avoids cancellation; the acceleration is treated in the same way.
     first = longer / h0
     growth = xp.stack([xp.zeros_like(h), first, first * (2 + first)] * 2)[:, None]
     change = factors(problem, h) * shifts + growth * problem.ends
-    return Segments(h, change, problem.ends + change)
+    return Segments(h, change, problem.ends + change, None if later is None else problem.starts + later)
 
 
-def moved(problem: RouteProblem, z: Float[Any, "joints 10"]) -> tuple[Float[Any, "6 3 n"], Float[Any, " n"]]:
-    """Return the changes of the states at both ends of the segments [SI, world axes], and of the durations [s]."""
+def moved(problem: RouteProblem, z: Float[Any, "joints 10"]) -> tuple[Float[Any, "6 3 n"], Float[Any, " n"], Any]:
+    """Return the changes of the states at both ends of the segments [SI, world axes], and of the durations [s].
+
+    The third result is the change of the times at the starts [s], or None if no obstacle moves.
+    """
     move = z * problem.scale[None]
     world = matmul(move[:, :9].reshape(-1, 3, 3), problem.axes)
     both = xp.concatenate([world[:-1], world[1:]], axis=1)
-    return xp.moveaxis(both, 0, -1), problem.per_time * (move[1:, 9] - move[:-1, 9])
+    later = None if problem.starts is None else move[:-1, 9]
+    return xp.moveaxis(both, 0, -1), problem.per_time * (move[1:, 9] - move[:-1, 9]), later
 
 
 def objective(problem: RouteProblem, s: Segments) -> Float[Any, ""]:

@@ -155,5 +155,6 @@ def _expanded(
 
 
 def _sum(one: Any, other: Any) -> Any:
-    """Return the sum of two tuples of arrays of the same class, `Local` or `LocalSecond`."""
-    return type(one)(*(x + y for x, y in zip(one, other, strict=True)))
+    """Return the sum of two tuples of arrays of the same class, `Local` or `LocalSecond`; None is zero."""
+    pairs = zip(one, other, strict=True)
+    return type(one)(*(y if x is None else x if y is None else x + y for x, y in pairs))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,6 +16,12 @@ MORE = (1.01, 1.1, 1.5, 4.0, 16.0)
 
 LEAST = 1e-3
 """Lower bounds of quantities that are never negative are reduced to this fraction of the given ones at most."""
+
+BOUND_CHANGES = (
+    *({name} for name in ("acceleration", "longitudinal_acceleration", "combined_acceleration", "friction", "jerk")),
+    {"longitudinal_acceleration_min", "longitudinal_acceleration_max"},
+)
+"""Limits that bound changes of the speed on both sides."""
 
 BISECTIONS = 3
 """Number of bisections for the smallest raised limits."""
@@ -66,6 +72,20 @@ def _raised(
         middle = 0.5 * (low + high)
         low, high = (low, middle) if solves(between(middle)) else (middle, high)
     return between(high)
+
+
+def unbounded_jumps(names: Sequence[str], objective: str) -> str:
+    """Return advice for a search for the fastest route if no limit prevents jumps of the speed, or an empty text.
+
+    Then there is no fastest route: the time decreases while the bends become shorter and sharper, and the speed jumps
+    before and after them. Searches shift the bends to and fro.
+    """
+    if objective != "fastest" or any(sides <= {*names} for sides in BOUND_CHANGES):
+        return ""
+    return (
+        "No limit bounds changes of the speed, so that bends become shorter and sharper without end, and there is no "
+        "fastest route: also limit longitudinal_acceleration."
+    )
 
 
 def _text(change: Change, objective: str) -> str:

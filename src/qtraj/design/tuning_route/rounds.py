@@ -7,6 +7,7 @@ solution.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -97,15 +98,33 @@ def solved(
     tube: np.ndarray,
     problem: RouteProblem,
     most: int,
-    begin: np.ndarray | None = None,
+    begins: list[Any],
+    rank: Callable[[Found], Any],
 ) -> Found:
-    """Return the tuned route; `tube` (n + 1, 2) are the half-widths at the joints [m].
+    """Return the tuned route with the lowest rank; `tube` (n + 1, 2) are the half-widths at the joints [m].
 
-    The search starts from the variables `begin`, by default those of the given route. If the limits contradict each
-    other, they are violated as little as possible.
+    Searches start from each of the variables `begins`; None are those of the given route. If limits contradict each
+    other from all of them, they are violated as little as possible.
     """
-    found = _solved(route, given, limits, tube, problem, most, begin=begin)
-    if found.proved or found.exhausted or not problem.names:
+    each = [_solved(route, given, limits, tube, problem, most, begin=begin) for begin in begins]
+    if not any(x.proved for x in each):
+        pairs = zip(begins, each, strict=True)
+        each = [_violating(x, route, given, limits, tube, problem, most, begin) for begin, x in pairs]
+    return min(each, key=rank)
+
+
+def _violating(
+    found: Found,
+    route: Route,
+    given: Parts,
+    limits: Limits,
+    tube: np.ndarray,
+    problem: RouteProblem,
+    most: int,
+    begin: np.ndarray | None,
+) -> Found:
+    """Return the result of searches that may violate limits, after a search that `found` no proved route."""
+    if found.exhausted or not problem.names:
         return found
     relaxed = _solved(route, given, limits, tube, problem, most, PRICES[0], begin=begin)
     steps = found.steps + relaxed.steps

@@ -20,8 +20,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from qtraj.design.ellipse import OfSpeed
 from qtraj.design.limits import Limits
-from qtraj.design.tuning_route import circuit, geometry, traced
+from qtraj.design.tuning_route import along, circuit, geometry, traced
 from qtraj.design.tuning_route.constraints import bounds, values
 from qtraj.design.tuning_route.curves import chain, rebuilt
 from qtraj.design.tuning_route.problem import RouteProblem, objective, segments
@@ -51,7 +52,7 @@ def differentiable(route: Route, limits: Limits, tube: Any, s: Structure, solve:
         facts = result
     z = variables(s, data, found)
     path, attained, displacement, delay = _assembled(s, found.fields, data, z, route.origin)
-    certificate = facts.certificate(s.names, constants(path.starts)) if result is None else result.certificate
+    certificate = facts.certificate(s.certified, constants(path.starts)) if result is None else result.certificate
     return TunedRoute(
         path,
         certificate,
@@ -68,7 +69,7 @@ def differentiable(route: Route, limits: Limits, tube: Any, s: Structure, solve:
 
 
 def _data(route: Route, limits: Limits, tube: Any, s: Structure) -> Data:
-    given = limits.given()
+    given = {n: along.typical_of(n, x) if isinstance(x, OfSpeed) else x for n, x in limits.given().items()}
     bounds = jnp.stack([jnp.asarray(given[name], float) for name in s.names]) if s.names else jnp.zeros(0)
     widths: Any = tuple(
         _width(x, len(s.curves.owner) + 1, s.padded) for x in (tube if isinstance(tube, tuple) else [tube] * 2)
@@ -195,9 +196,12 @@ def _with_data(problem: RouteProblem, data: Data, s: Structure, length: Array) -
     widths = jnp.stack([jnp.broadcast_to(x, (count + 1,)) for x in data.tube], axis=1)
     widths = widths[np.array([own.start for own in s.curves.joint_rows()])]
     fields = geometry.smooth_fields(own.c, own.h, own.states, widths, problem.moving, problem.composed, problem.sense)
-    fields |= scales(problem.names, data.bounds, None if problem.shifts is None else jnp.sqrt(problem.squares))
+    bounds = jnp.concatenate([data.bounds, jnp.ones(len(problem.clear))])
+    fields |= scales(problem.names, bounds, None if problem.shifts is None else jnp.sqrt(problem.squares))
     if problem.origins is not None:
         fields |= {"origins": own.states[:-1, 0].T + jnp.asarray(data.origin)[:, None]}
+    if problem.starts is not None:
+        fields |= {"starts": jnp.cumsum(own.durations) - own.durations}
     durations = fields["durations"]
     fields |= {"shortest": SHORTEST * durations, "longest": LONGEST * durations}
     if s.kind == "nearest":

@@ -35,8 +35,9 @@ TIME = 0.25
 """Unit of time of the search, in mean durations of a segment; small, because in the objective "fastest" the barrier is
 a fraction of it."""
 
-LEAST_JERK = 1e-12
-"""Lower bound on the integral of the squared jerk, in units of the tube and of a segment, for a straight route."""
+LEAST_JERK = 1e-3
+"""Lower bound on the integral of the squared jerk, in units of the tube and of a segment. A straight route has no jerk,
+but needs some around obstacles, and the search could not start from an objective that is large in its unit."""
 
 
 class Parts(NamedTuple):

@@ -1,13 +1,19 @@
 """The data of the derivatives of a tuned route: what it depends on, and the search behind it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 from jaxtyping import Array, Float
 
+from qtraj.design.ellipse import OfSpeed
 from qtraj.design.limits import Limits
+from qtraj.design.obstacles.clear import Clear, clears
 from qtraj.design.solve.iterate import Iterate
+from qtraj.design.timing.speed_ratio import all_with_speed
+from qtraj.design.tuning.clearances import Clearances
+from qtraj.design.tuning_route import along
 from qtraj.design.tuning_route.curves import Curves
 from qtraj.design.tuning_route.problem import RouteProblem
 from qtraj.design.tuning_route.tuned_route import TunedRoute
@@ -34,7 +40,7 @@ class Structure:
 
     `curves` are those of the route. If the number of segments is unknown (`padded`), each row of the route, padding
     included, is a curve. `parameters` is the number of parameters of the vehicle and its road on which a limit depends.
-    Structures are compared by their values.
+    `obstacles` and the limits `by_speed` have concrete values. Structures are compared by their values.
     """
 
     def __init__(
@@ -45,17 +51,42 @@ class Structure:
         closed: bool,
         parameters: int = 0,
         padded: bool = False,
+        obstacles: Clearances | None = None,
+        by_speed: Mapping[str, OfSpeed] | None = None,
     ):
         """Store the names of the limits, the objective, the curves, and whether the route is closed."""
         self.names, self.kind, self.curves, self.closed, self.padded = names, kind, curves, closed, padded
-        self.parameters = parameters
-        self._key = (names, kind, closed, parameters, padded, *((x.shape, x.dtype.str, x.tobytes()) for x in curves))
+        self.parameters, self.obstacles, self.by_speed = parameters, obstacles, dict(by_speed or {})
+        self._key = (
+            names,
+            kind,
+            closed,
+            parameters,
+            padded,
+            obstacles,
+            *((x.shape, x.dtype.str, x.tobytes()) for x in curves),
+        )
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Structure) and self._key == other._key
 
     def __hash__(self) -> int:
         return hash(self._key)
+
+    @property
+    def clear(self) -> tuple[Clear, ...]:
+        """The constraints of balls of the body and obstacles."""
+        return () if self.obstacles is None else clears(self.obstacles.keep_out, self.obstacles.body)
+
+    @property
+    def constraints(self) -> tuple[str, ...]:
+        """The names of the constraints, except for those of the tube."""
+        return (*self.names, *(x.name for x in self.clear))
+
+    @property
+    def certified(self) -> tuple[str, ...]:
+        """The names in certificates."""
+        return tuple(dict.fromkeys(self.constraints))
 
     @property
     def composed(self) -> np.ndarray | None:
@@ -65,8 +96,17 @@ class Structure:
     def problem(self, fields: dict[str, Any]) -> RouteProblem:
         """Return a problem with these arrays; it has no finer nodes."""
         seam = len(self.curves.first) if self.closed else None
-        own = dict.fromkeys(("fine_offset", "fine_tube")) | fields
-        return RouteProblem(names=self.names, seam=seam, composed=self.composed, sense=self.curves.reversing, **own)  # type: ignore[arg-type]
+        own: dict[str, Any] = dict.fromkeys(("fine_offset", "fine_tube")) | fields
+        own |= {"names": self.constraints, "clear": self.clear, "seam": seam}
+        limits = [self.by_speed.get(name) for name in self.names]
+        sizes = [1.0 if x is None else along.typical_of(name, x) for name, x in zip(self.names, limits, strict=True)]
+        own["by_speed"] = all_with_speed(dict(zip(self.names, limits, strict=True)), sizes)
+        return RouteProblem(composed=self.composed, sense=self.curves.reversing, **own)  # type: ignore[arg-type]
+
+
+def _key(limits: Mapping[str, OfSpeed]) -> str:
+    numbers = jax.tree.map(lambda x: np.asarray(x, float).tolist(), [*limits.values()])
+    return repr([*limits, str(jax.tree.structure(numbers)), jax.tree.leaves(numbers)])
 
 
 class Solution(NamedTuple):

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from qtraj.design.ellipse import OfSpeed
 from qtraj.design.limits import Limits, limits_of
 from qtraj.design.on_host import on_host
 from qtraj.design.proof.certificate import UNDEFINED, Certificate
@@ -18,6 +19,7 @@ from qtraj.design.proof.route_certificate import RouteCertificate
 from qtraj.design.solve.chain import Border, Chain
 from qtraj.design.solve.nonconvex import Iterate
 from qtraj.design.solve.polishing import polished, solution
+from qtraj.design.tuning.clearances import Clearances
 from qtraj.design.tuning_route import basis
 from qtraj.design.tuning_route.constraints import contain_position
 from qtraj.design.tuning_route.curves import Curves, curves_of
@@ -78,10 +80,13 @@ def structure(route: Route, limits: Limits, names: tuple[str, ...], kind: str, c
 
     **Raises:** ValueError for a route with stops of `fit_route`, or a closed route, whose structure is unknown.
     """
-    known = constants(route)
+    known, obstacles = constants(route), None
+    if limits.keep_out is not None:
+        obstacles = Clearances(limits.keep_out, limits.body)
+    own = {name: x for name, x in limits.given().items() if isinstance(x, OfSpeed)}
     parameters = len(limits.road(float).numbers) if limits.uses_vehicle else 0
     if not is_traced(known):
-        return Structure(names, kind, curves_of(segments_of(known)), closed, parameters)
+        return Structure(names, kind, curves_of(segments_of(known)), closed, parameters, False, obstacles, own)
     if route.progress is not None:
         raise ValueError(
             "inside jit and vmap, tune_route cannot change the route next to stops of fit_route, because its curves "
@@ -95,7 +100,7 @@ def structure(route: Route, limits: Limits, names: tuple[str, ...], kind: str, c
         )
     every = np.arange(known.starts.shape[-1] if starts is None else int(np.isfinite(starts).sum()))
     curves = Curves(every, every, np.zeros(every.size, bool), every, np.ones(every.size))
-    return Structure(names, kind, curves, closed, parameters, starts is None)
+    return Structure(names, kind, curves, closed, parameters, starts is None, obstacles, own)
 
 
 def solved(s: Structure, data: Data, origin: Any, vehicle: Any, solve: Solve) -> Solution:
@@ -103,7 +108,9 @@ def solved(s: Structure, data: Data, origin: Any, vehicle: Any, solve: Solve) ->
     built = unpadded(data.starts, data.coefficients, data.duration, origin, data.progress)
     route, count = from_segments(*built), len(built[0])
     tube = tuple(x[: count + 1] if x.ndim else x for x in map(np.asarray, data.tube))
-    limits: Limits = limits_of(dict(zip(s.names, np.asarray(data.bounds).tolist(), strict=True)), vehicle)
+    others = {} if s.obstacles is None else {"keep_out": s.obstacles.keep_out, "body": s.obstacles.body}
+    bounds = dict(zip(s.names, np.asarray(data.bounds).tolist(), strict=True)) | s.by_speed
+    limits: Limits = limits_of(bounds, vehicle, **others)
     return solve(route, limits, tube)  # type: ignore[arg-type]
 
 
@@ -191,7 +198,7 @@ def _without_padding(s: Structure, found: Searched) -> Searched:
 
 def _facts(s: Structure, found: Solution) -> Facts:
     result, certificate = found.result, found.result.certificate
-    order = [certificate.names.index(name) for name in s.names]
+    order = [certificate.names.index(name) for name in s.certified]
     whole, parts = (
         tuple(np.asarray(x)[..., order] for x in (c.codes, c.times, c.values, c.limits))
         for c in (certificate.whole, certificate.segments)
@@ -201,7 +208,7 @@ def _facts(s: Structure, found: Solution) -> Facts:
 
 def _fields(s: Structure) -> dict[str, tuple[tuple[int, ...], Any]]:
     """Return the shapes and types of the fields of the problem that the derivatives need."""
-    n, nodes, limits = len(s.curves.first), len(basis.NODES), len(s.names)
+    n, nodes, limits = len(s.curves.first), len(basis.NODES), len(s.constraints)
     names = ("durations", "moving", "shortest", "longest", "pace", "jerk", "time", "per_time")
     shapes: dict[str, tuple[tuple[int, ...], Any]] = dict.fromkeys(names, ((n,), float))
     shapes |= {"ends": ((6, 3, n), float), "near": ((6, 6, n), float), "offset": ((3, nodes, n), float)}
@@ -210,8 +217,12 @@ def _fields(s: Structure) -> dict[str, tuple[tuple[int, ...], Any]]:
     shapes |= {"free": ((n + 1, BLOCK), bool), "axes": ((n + 1, 3, 3), float)}
     if s.composed is not None:
         shapes["rates"] = (3, nodes, n), float
-    if contain_position(s.names):
+    if contain_position(s.constraints):
         shapes["origins"] = (3, n), float
+    if s.clear:
+        shapes["reached"] = (len(s.clear), n), bool
+    if any(x.track is not None for x in s.clear):
+        shapes["starts"] = (n,), float
     if any(map(is_shifted, s.names)):
         shapes["shifts"] = (limits,), float
     if s.parameters:
@@ -225,13 +236,13 @@ def _like(shape: tuple[int, ...], kind: Any = float) -> Any:
 
 def _of_constraints(s: Structure) -> tuple[Any, Any]:
     n = len(s.curves.first)
-    return _like((len(s.names) + 2, len(basis.NODES), n)), _like((2, n))
+    return _like((len(s.constraints) + 2, len(basis.NODES), n)), _like((2, n))
 
 
 def _shapes(s: Structure) -> tuple[Searched, Facts]:
     """Return the shapes and types of the results of `searched`."""
     fields = {name: _like(*x) for name, x in _fields(s).items()}
-    z, own, limits = _like((len(s.curves.first) + 1, BLOCK)), _of_constraints(s), len(s.names)
+    z, own, limits = _like((len(s.curves.first) + 1, BLOCK)), _of_constraints(s), len(s.certified)
     rows, kinds = len(s.curves.owner), (np.int32, float, float, float)
     parts, whole = (tuple(_like(shape, x) for x in kinds) for shape in ((rows, limits), (limits,)))
     of_rows = _like((rows, 2)), _like((rows,), bool), _like((rows,), bool)

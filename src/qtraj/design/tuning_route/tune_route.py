@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from qtraj.design.limit_checks import require_known_road
 from qtraj.design.limits import Limits, limits_of, require_limits
 from qtraj.design.obstacles.clear import clears
-from qtraj.design.obstacles.keep_out import checked, refuse_obstacles
+from qtraj.design.obstacles.keep_out import checked
 from qtraj.design.proof.certificate import UNDEFINED
 from qtraj.design.timing.speed_ratio import all_with_speed
 from qtraj.design.tuning_route import along, around, circuit, roads, rounds, target
@@ -22,7 +23,7 @@ from qtraj.design.tuning_route.arguments import (
 )
 from qtraj.design.tuning_route.curves import largest_of
 from qtraj.design.tuning_route.problem import RouteProblem
-from qtraj.design.tuning_route.remedy import Change, remedy
+from qtraj.design.tuning_route.remedy import Change, remedy, unbounded_jumps
 from qtraj.design.tuning_route.scales import scales
 from qtraj.design.tuning_route.sensitivity import differentiable
 from qtraj.design.tuning_route.setup import Parts, parts, problem_of
@@ -96,9 +97,10 @@ def tune_route(
     last result, the bank and the friction at a node are those at its distance there, and `certify` checks the final
     route on its own distances.
 
-    Obstacles in `limits.keep_out`, which must not move, are avoided by the whole `body`. Where the given route enters
-    obstacles, the search starts on both sides of each of two of them, and on the nearer side of others; the best result
-    is returned. If obstacles and the tube contradict each other, `advice` says where.
+    Obstacles in `limits.keep_out` are avoided by the whole `body`. Where the given route enters obstacles, the search
+    starts on both sides of each of two of them, and on the nearer side of others; the best result is returned. An
+    obstacle that moves, as a polynomial of the time since the start of the route, is also passed after it and before
+    it. The route must not stop in between then. If obstacles and the tube contradict each other, `advice` says where.
 
     A `Shape` has no times: first its fastest timing is computed, a flying lap if it is closed, from which the search
     starts. The default objective is "fastest", and `closed` is that of the shape. The tube is by default that of its
@@ -125,9 +127,9 @@ def tune_route(
 
     **Derivatives**: under `grad`, `jvp`, `jacfwd` and `jacrev`, `path`, `objective`, `displacement` and `delay` have
     the derivatives of the optimum with respect to the route (the states of its joints and its times), the limits and
-    the tube, by the implicit function theorem. The derivatives refer to the problem of the last search, with limits at
-    its instants and constant margins. They are NaN if that search does not converge, or if the limits contradict each
-    other.
+    the tube, by the implicit function theorem; obstacles and limits by speed are constants. The derivatives refer to
+    the problem of the last search, with limits at its instants and constant margins. They are NaN if that search does
+    not converge, or if the limits contradict each other.
 
     Inside `jit` and `vmap`, the search is one operation that runs on the host, for one route after the other. If the
     times of the joints are traced, too, the number of segments is unknown: arrays with one entry for each segment then
@@ -137,7 +139,7 @@ def tune_route(
 
     **Raises:** ValueError for a path that is not a route, a batch (use `jax.vmap`), a traced route in float32, an
     unknown objective, a limit on the natural trihedral (which does not exist on straights), traced arguments with a
-    traced vehicle, limits that change along the way or with the speed, a road that changes, obstacles or `nearest_to`;
+    traced vehicle, obstacles or limits by speed, limits that change along the way, a changing road or `nearest_to`;
     inside `jit` and `vmap`, a shape, a traced route with stops of `fit_route`, and a closed route with traced times;
     "fastest" without a limit that bounds the speed, `nearest_to` with another objective, half-widths that are not
     positive, a wrong shape, or a `closed` route that does not end where it starts, has only one segment, or has
@@ -163,7 +165,6 @@ def tune_route(
 
     if is_traced(route, limits, tube):
         require_differentiable(limits, nearest_to)
-        refuse_obstacles(limits, "tune_route inside jit, vmap, grad or jvp", "call it outside")
         own = structure(route, limits, names, objective, closed)
         result = differentiable(route, limits, tube, own, solve)
     else:
@@ -203,7 +204,7 @@ def _solution(
         every = np.append(bounds, np.ones(len(own)))
         problem = problem_of(given, names, every, widths, held, objective, kept, closed, road, origin)
         problem = problem._replace(by_speed=all_with_speed(limits.given(), bounds))
-        return around.with_obstacles(problem, own)
+        return around.with_obstacles(problem, own, given.h)
 
     problem = posed(bounds, held, objective, objective == "smoothest")
     if along.changes(limits):
@@ -218,8 +219,8 @@ def _solution(
     fits = objective == "nearest" and nearest_to is None and smooth and found.proved
     if moving.any() and not undefined and not fits:
         begins = around.starts(problem, own) if own else [None]
-        each = [rounds.solved(route, given, limits, widths, problem, max_steps, begin) for begin in begins]
-        found = min(each, key=lambda x: rank(x, objective))
+        order = partial(rank, objective=objective)
+        found = rounds.solved(route, given, limits, widths, problem, max_steps, begins, order)
     advice = ""
     if found.missed is not None and found.proved and limits.varying:
         advice = "Widen the tube, or relax the limits where they are violated."
@@ -244,6 +245,8 @@ def _solution(
 
         values = dict(zip(names[: len(bounds)], bounds.tolist(), strict=True))
         advice = remedy(values, found, objective, bool(held[[0, -1]].any()), solves)
+    if not found.proved or found.missed is not None:
+        advice = " ".join(x for x in (advice, unbounded_jumps(names, objective)) if x)
     code = ResultCode.limits_undefined if undefined else code_of(found, names)
     result = result_of(given, problem, found, moving, objective, code, advice)
     return Solution(result, found.problem, found.z, found.at, given.curves)
