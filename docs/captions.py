@@ -66,6 +66,9 @@ NOTEBOOKS = {
         "Gains that are found from a recorded loop by gradients agree with the true gains.",
         "A path through all samples of a recording, found by gradients, and the path from its ends alone.",
     ],
+    "65_optax": [
+        "The loss of loops written by hand with four penalties, beside the optimum that `tune` proves.",
+    ],
     "70_batches": ["Three of 64 control loops that were simulated in one call: larger gains settle faster."],
     "80_whole_drive": [
         "A drive of 8 km by car. Red marks where a city bus would violate its limits.",

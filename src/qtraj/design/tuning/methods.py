@@ -31,17 +31,18 @@ def get_method(method: Method, max_steps: int, inner_steps: int) -> AbstractSear
     sqp = SequentialQuadratic(int(max_steps))
     if isinstance(method, str) and method == "sqp":
         return sqp
-    return FirstOrder(_optimiser(method), int(inner_steps), sqp)
+    return FirstOrder(optimiser_of(method), int(inner_steps), sqp)
 
 
-def _optimiser(method: Method) -> Any:
+def optimiser_of(method: Method, default: str = METHODS[0]) -> Any:
+    """Return the optax optimiser for a method; raise a ValueError for another one than `default`, which is none."""
     if isinstance(method, str) and method == "lbfgs":
         return _lbfgs()
     if isinstance(method, str) and method == "adam":
         return adam(LEARNING_RATE)
     if isinstance(method, str) or not all(callable(getattr(method, name, None)) for name in ("init", "update")):
         raise ValueError(
-            f"method must be {either(METHODS)}, or an optax optimiser such as optax.adam(1e-2), "
+            f"method must be {either((default, *METHODS[1:]))}, or an optax optimiser such as optax.adam(1e-2), "
             f"but {method!r} was given"
         )
     import optax  # imported here, so that `import qtraj` does not import optax

@@ -13,7 +13,7 @@ from qtraj.design.obstacles.clear import clears
 from qtraj.design.obstacles.keep_out import checked
 from qtraj.design.proof.certificate import UNDEFINED
 from qtraj.design.timing.speed_ratio import all_with_speed
-from qtraj.design.tuning_route import along, around, circuit, roads, rounds, target
+from qtraj.design.tuning_route import along, around, circuit, many_starts, roads, rounds, target
 from qtraj.design.tuning_route.arguments import (
     fixed_states,
     half_widths,
@@ -56,6 +56,8 @@ def tune_route(
     nearest_to: AbstractHodograph | None = None,
     max_steps: int = 300,
     throw: bool = False,
+    starts: int = 1,
+    method: Any = "interior_point",
 ) -> TunedRoute:
     """Change a `route` so that it satisfies `limits` everywhere and stays within a tube around the original route.
 
@@ -101,6 +103,12 @@ def tune_route(
     starts on both sides of each of two of them, and on the nearer side of others; the best result is returned. An
     obstacle that moves, as a polynomial of the time since the start of the route, is also passed after it and before
     it. The route must not stop in between then. If obstacles and the tube contradict each other, `advice` says where.
+
+    The search finds local optima. `starts` is the number of its starts, by default the given route alone; each further
+    one is a reproducible random route within the tube, and the best result is returned. This pays where obstacles leave
+    several ways; without obstacles, it has found nothing better in tests. `method` may be an optax optimiser, which
+    takes the first steps from all further starts together; the search then continues from the best four. The first
+    steps are compiled in each call, which takes some seconds, so they are for large numbers of starts.
 
     A `Shape` has no times: first its fastest timing is computed, a flying lap if it is closed, from which the search
     starts. The default objective is "fastest", and `closed` is that of the shape. The tube is by default that of its
@@ -159,9 +167,10 @@ def tune_route(
     require_known_road(limits.vehicle, limits.given())
     if nearest_to is not None:
         require_target(nearest_to, objective)
+    many = many_starts.many(starts, method)
 
     def solve(route: Route, limits: Limits, tube: Any) -> Solution:
-        return _solution(route, limits, names, tube, objective, fixed, closed, max_steps, nearest_to)
+        return _solution(route, limits, names, tube, objective, fixed, closed, max_steps, nearest_to, many)
 
     if is_traced(route, limits, tube):
         require_differentiable(limits, nearest_to)
@@ -182,6 +191,7 @@ def _solution(
     closed: bool,
     max_steps: int,
     nearest_to: AbstractHodograph | None,
+    many: many_starts.Many,
 ) -> Solution:
     """Return the result and the search behind it, for concrete arguments."""
     limited(limits, objective)
@@ -218,7 +228,7 @@ def _solution(
     undefined = _undefined(found, moving)
     fits = objective == "nearest" and nearest_to is None and smooth and found.proved
     if moving.any() and not undefined and not fits:
-        begins = around.starts(problem, own) if own else [None]
+        begins = [*(around.starts(problem, own) if own else [None]), *many.begins(problem)]
         order = partial(rank, objective=objective)
         found = rounds.solved(route, given, limits, widths, problem, max_steps, begins, order)
     advice = ""
