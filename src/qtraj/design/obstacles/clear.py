@@ -34,8 +34,7 @@ class Clear(NamedTuple):
         centre = self.centre(position, velocity)
         if self.track is not None:
             centre = [x - _polynomial(c, time) for x, c in zip(centre, self.track, strict=True)]
-        # As a function of the class: a bound method of an Equinox module is a new module, which is slow to construct.
-        return type(self.obstacle).occupancy(self.obstacle, centre, self.radius)
+        return self.obstacle.occupancy(centre, self.radius)
 
     def centre(self, position: Any, velocity: Any) -> Any:
         """Return the components of the centre of the ball."""
