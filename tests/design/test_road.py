@@ -139,7 +139,7 @@ def test_the_track_carries_the_car_at_the_top_of_a_loop():
     assert qt.certify(part, qt.Limits(friction=0.5, vehicle=qt.Vehicle(1.0))).status["friction"] == "undefined"
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))  # each quantity once
 def test_proofs_agree_with_dense_sampling(seed):
     """No proof is contradicted by a sample, and limits close to the sampled extreme are decided."""
     rng = np.random.default_rng([20, seed])
