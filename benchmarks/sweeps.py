@@ -1,7 +1,7 @@
 """Measure sweeps: memory and overhead at many points, two workers against one, and stores after kills.
 
     python -m benchmarks.sweeps                                all measurements; this takes many minutes
-    python -m benchmarks.sweeps memory --points 1000000        only this one; also: tunings, overhead, kills, full
+    python -m benchmarks.sweeps memory --points 1000000        or tunings, overhead, kills, schedulers, full
     python -m benchmarks.sweeps kills --workers 20 --clients 5
 
 Each sweep of `memory` and `tunings` runs in a process of its own, whose largest memory is printed. `overhead` compares
@@ -26,10 +26,12 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 FLAT, OVERHEAD = 1.1, 1.1
 """Largest accepted ratios of memory at many points to few points, and of a sweep to the calls of its function."""
+
+SILENT: Any = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
 
 CALLS = """
 import os, sys, time
@@ -42,7 +44,7 @@ FOLDER = Path(__file__).parent
 def slow(points):
     if len(points["a"]) > 1:
         shard = int(points["a"][0])
-        finished = (FOLDER / sys.argv[1] / ".sweep/ledger/0" / str(shard)).exists() if len(sys.argv) > 1 else False
+        finished = (FOLDER / os.environ["STORE"] / ".sweep/ledger/0" / str(shard)).exists()
         with (FOLDER / "calls").open("a") as file:
             file.write(f"{os.getpid()} {shard} {int(finished)}\\n")
         time.sleep(0.2)
@@ -52,7 +54,14 @@ slow.batch = True
 
 if __name__ == "__main__":
     parameters = {"a": np.arange(SHARDS), "x": qt.sweeps.Normal(0.0, 1.0)}
-    qt.sweep(slow, parameters, FOLDER / sys.argv[1], samples=50, shard=50, workers=int(sys.argv[2]), retries=50)
+    options = {"samples": 50, "shard": 50, "retries": 50}
+    if sys.argv[1].isdigit():
+        options["workers"] = int(sys.argv[1])
+    else:
+        from distributed import Client
+
+        options["client"] = Client(scheduler_file=sys.argv[1])
+    qt.sweep(slow, parameters, FOLDER / os.environ["STORE"], **options)
 """
 
 
@@ -140,7 +149,7 @@ def killed_sweep(folder, workers, clients, shards, seed=0):
     pick, killed, ended = random.Random(seed), [], 0
     command = _script(folder, shards)
     while True:
-        client = subprocess.Popen([*command, "cut", "2"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        client = subprocess.Popen([*command, "2"], env=_to("cut"), **SILENT)
         before, share = len(_calls(folder)), max(1, shards // (clients + 2))
         while client.poll() is None:
             time.sleep(pick.uniform(0.2, 0.6))
@@ -157,6 +166,48 @@ def killed_sweep(folder, workers, clients, shards, seed=0):
     return _compared(folder, shards, f"{len(killed)} workers and {ended} clients with their schedulers were killed")
 
 
+def killed_schedulers(folder, count, shards, longest=120.0):
+    """Kill the separate scheduler of a sweep `count` times, complete the sweep, and compare its store.
+
+    **Raises:** RuntimeError if the client of a killed scheduler does not end within `longest` [s].
+    """
+    command, file, ended = _script(folder, shards), folder / "scheduler.json", 0
+    while True:
+        file.unlink(missing_ok=True)
+        scheduler = _dask("scheduler", "--scheduler-file", str(file), "--port", "0", "--no-dashboard")
+        while not file.exists():
+            time.sleep(0.1)
+        own = ("--scheduler-file", str(file), "--nthreads", "1", "--no-nanny", "--no-dashboard")
+        workers = [_dask("worker", *own, "--death-timeout", "10") for _ in range(2)]
+        client = subprocess.Popen([*command, str(file)], env=_to("cut"), **SILENT)
+        try:
+            enough = len(_calls(folder)) + max(1, shards // (count + 2))
+            while client.poll() is None and (ended == count or len(_calls(folder)) < enough):
+                time.sleep(0.1)
+            if client.poll() is None:
+                scheduler.kill()
+                ended += 1
+            if client.wait(longest) == 0 and ended == count:
+                return _compared(folder, shards, f"{ended} separate schedulers were killed")
+        except subprocess.TimeoutExpired:
+            raise RuntimeError(f"the client has not ended {longest:.0f} s after its scheduler was killed") from None
+        finally:
+            for process in (client, scheduler, *workers):
+                process.kill()
+                process.wait()
+
+
+def _dask(kind, *arguments):
+    return subprocess.Popen(
+        [sys.executable, "-m", f"distributed.cli.dask_{kind}", *arguments], env=_to("cut"), **SILENT
+    )
+
+
+def _to(store):
+    """Return the environment of the processes that write a store."""
+    return os.environ | {"STORE": store}
+
+
 def full_disk(folder, shards):
     """Run a sweep on a tmpfs of half its size, then enlarge the tmpfs and complete the sweep; compare its store.
 
@@ -168,11 +219,11 @@ def full_disk(folder, shards):
     if not shutil.which("mount") or subprocess.run(mount, capture_output=True).returncode:
         raise PermissionError("a tmpfs cannot be mounted: run as root, or with unshare -rm")
     try:
-        first = subprocess.run([*command, "cut", "0"], capture_output=True, text=True)
+        first = subprocess.run([*command, "0"], env=_to("cut"), capture_output=True, text=True)
         if "No space left on device" not in first.stderr:
             raise RuntimeError(f"the disk was not full: {first.stderr}")
         subprocess.run(["mount", "-o", f"remount,size={200 * shards}k", str(store)], check=True)
-        subprocess.run([*command, "cut", "0"], check=True, capture_output=True)
+        subprocess.run([*command, "0"], env=_to("cut"), check=True, capture_output=True)
         return _compared(folder, shards, "the disk was full once")
     finally:
         subprocess.run(["umount", str(store)], check=True)
@@ -191,7 +242,7 @@ def _calls(folder):
 
 def _compared(folder, shards, interruptions):
     made = _calls(folder)
-    subprocess.run([*_script(folder, shards), "whole", "0"], check=True, capture_output=True)
+    subprocess.run([*_script(folder, shards), "0"], env=_to("whole"), check=True, capture_output=True)
     again = sum(finished for _, _, finished in made)
     return Interrupted(shards, len(made), again, _same(folder / "whole", folder / "cut"), interruptions)
 
@@ -225,13 +276,13 @@ def _same(one, other):
 def main(arguments):
     """Print the results, and return the number of measurements that fail."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("kinds", nargs="*", help="memory, tunings, overhead, kills, full; default: all")
+    parser.add_argument("kinds", nargs="*", help="memory, tunings, overhead, kills, schedulers, full; default: all")
     parser.add_argument("--points", type=int, default=10**7, help="number of points of `memory`")
     parser.add_argument("--tunings", type=int, default=10**5, help="number of points of `tunings`")
     parser.add_argument("--few", type=int, default=10**5, help="number of points with which the memory is compared")
     parser.add_argument("--workers", type=int, default=20, help="number of workers to kill")
-    parser.add_argument("--clients", type=int, default=5, help="number of clients to kill")
-    parser.add_argument("--shards", type=int, default=200, help="number of shards of `kills` and `full`")
+    parser.add_argument("--clients", type=int, default=5, help="number of clients to kill, and of separate schedulers")
+    parser.add_argument("--shards", type=int, default=200, help="number of shards of interrupted sweeps")
     parser.add_argument("--alone", nargs=2, metavar=("KIND", "COUNT"), help=argparse.SUPPRESS)
     given = parser.parse_args(arguments)
     if given.alone:
@@ -241,6 +292,7 @@ def main(arguments):
         "tunings": lambda: flat("tunings", max(given.tunings // 10, 1), given.tunings),
         "overhead": overhead,
         "kills": lambda: interrupted("kills", lambda x: killed_sweep(x, given.workers, given.clients, given.shards)),
+        "schedulers": lambda: interrupted("schedulers", lambda x: killed_schedulers(x, given.clients, given.shards)),
         "full": lambda: interrupted("full", lambda x: full_disk(x, given.shards)),
     }
     results = {name: measurements[name]() for name in given.kinds or measurements}
