@@ -61,14 +61,14 @@ class DrivenRoute(NamedTuple):
         """Return the largest values on a segment whose coefficients change."""
         if len(change) > 1 and not change.any():
             return np.repeat(self._values(row, change[:1]), len(change), axis=0)
-        given, vehicle = self.limits.given(), self.limits.vehicle
+        vehicle = self.limits.vehicle
         count = len(change)
         same = self.segments.part(np.full(count, row))
         coefficients = np.zeros((count, max(6, same.coefficients.shape[1]), 3))
         coefficients[:, : same.coefficients.shape[1]] = same.coefficients
         coefficients[:, :6] += change
         factors = factors_of(self.limits, float)
-        each = zip(given.items(), factors, strict=True)
+        each = zip(self.limits.constant().items(), factors, strict=True)
         limits = [Limit(quantity(name), np.asarray(x, float), np.asarray(factor, float)) for (name, x), factor in each]
         road = fixed_parameters(vehicle, float) if self.limits.uses_vehicle else None
         return findings(same._replace(coefficients=coefficients), limits, road)[2]
