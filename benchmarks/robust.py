@@ -19,6 +19,7 @@ import numpy as np
 import qtraj as qt
 from qtraj.design.robust.certify_box import BoxProblem
 from qtraj.design.robust.driven import Samples, driven
+from qtraj.design.robust.to_share import satisfied
 
 BLOCK = 2**15
 RANGE, CONSERVATIVE = (0.987, 0.993), 0.97
@@ -82,7 +83,7 @@ def share_of(states, limits, spread, count):
     for first in range(0, count, BLOCK):
         n = min(BLOCK, count - first)
         samples = Samples(rng.standard_normal((n, 12)), rng.standard_normal((n, len(limits.given()))))
-        good += int(samples.satisfied(paths, spread).sum())
+        good += int(satisfied(samples, paths, spread).sum())
     return found, good / count
 
 

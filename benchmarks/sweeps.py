@@ -1,14 +1,15 @@
 """Measure sweeps: memory and overhead at many points, two workers against one, and stores after kills.
 
     python -m benchmarks.sweeps                                all measurements; this takes many minutes
-    python -m benchmarks.sweeps memory --points 1000000        only this measurement; also: tunings, overhead, kills
+    python -m benchmarks.sweeps memory --points 1000000        or tunings, overhead, kills, schedulers, full
     python -m benchmarks.sweeps kills --workers 20 --clients 5
 
 Each sweep of `memory` and `tunings` runs in a process of its own, whose largest memory is printed. `overhead` compares
 the CPU time of a sweep with that of the bare calls of its function, so other processes hardly change it. Its second
 part, the speed of two workers, is a wall time: measure it on an otherwise idle machine. `kills` kills workers with
 SIGKILL, and clients with their schedulers, compares the store with that of an undisturbed sweep, byte by byte, and
-counts the shards that were computed although they were finished.
+counts the shards that were computed although they were finished. `full` does the same for a sweep on a file system that
+is full until it grows; it mounts a small tmpfs, so it needs the rights to do that (`unshare -rm python -m …`).
 """
 
 import argparse
@@ -18,15 +19,19 @@ import json
 import os
 import random
 import resource
+import shutil
 import signal
 import subprocess
 import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import Any, NamedTuple
 
 FLAT, OVERHEAD = 1.1, 1.1
 """Largest accepted ratios of memory at many points to few points, and of a sweep to the calls of its function."""
+
+SILENT: Any = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
 
 CALLS = """
 import os, sys, time
@@ -39,17 +44,24 @@ FOLDER = Path(__file__).parent
 def slow(points):
     if len(points["a"]) > 1:
         shard = int(points["a"][0])
-        finished = (FOLDER / sys.argv[1] / ".sweep/ledger/0" / str(shard)).exists() if len(sys.argv) > 1 else False
+        finished = (FOLDER / os.environ["STORE"] / ".sweep/ledger/0" / str(shard)).exists()
         with (FOLDER / "calls").open("a") as file:
             file.write(f"{os.getpid()} {shard} {int(finished)}\\n")
         time.sleep(0.2)
-    return {"y": np.sin(points["a"]) * points["x"]}
+    return {"y": np.sin(points["a"]) * points["x"], "v": np.stack([points["x"]] * 3, 1)}
 
 slow.batch = True
 
 if __name__ == "__main__":
     parameters = {"a": np.arange(SHARDS), "x": qt.sweeps.Normal(0.0, 1.0)}
-    qt.sweep(slow, parameters, FOLDER / sys.argv[1], samples=50, shard=50, workers=int(sys.argv[2]), retries=50)
+    options = {"samples": 50, "shard": 50, "retries": 50}
+    if sys.argv[1].isdigit():
+        options["workers"] = int(sys.argv[1])
+    else:
+        from distributed import Client
+
+        options["client"] = Client(scheduler_file=sys.argv[1])
+    qt.sweep(slow, parameters, FOLDER / os.environ["STORE"], **options)
 """
 
 
@@ -111,41 +123,140 @@ def overhead():
     return subprocess.run(command).returncode == 0
 
 
-def kills(workers, clients, shards, seed=0):
-    """Kill workers and clients at random; print and judge the store after the last run."""
+class Interrupted(NamedTuple):
+    """What happened to an interrupted sweep: the calls, those for finished shards, and whether the store is equal."""
+
+    shards: int
+    calls: int
+    again: int
+    same: bool
+    interruptions: str
+
+    @property
+    def good(self):
+        """Whether the store is that of an undisturbed sweep, and nothing finished was computed again."""
+        return self.same and not self.again
+
+    def __str__(self):
+        return (
+            f"{self.interruptions}; {self.calls} calls for {self.shards} shards, {self.again} of them for finished "
+            f"shards; the store is {'' if self.same else 'not '}equal"
+        )
+
+
+def killed_sweep(folder, workers, clients, shards, seed=0):
+    """Kill workers and clients of a sweep in `folder` at random, complete it, and compare its store."""
     pick, killed, ended = random.Random(seed), [], 0
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        (folder / "script.py").write_text(CALLS.replace("SHARDS", str(shards)))
-        command = [sys.executable, str(folder / "script.py")]
-        calls = lambda: [  # noqa: E731
-            tuple(map(int, x.split())) for x in _text(folder / "calls").splitlines() if x.count(" ") == 2
-        ]
-        while True:
-            client = subprocess.Popen([*command, "killed", "2"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-            before, share = len(calls()), max(1, shards // (clients + 2))
-            while client.poll() is None:
-                time.sleep(pick.uniform(0.2, 0.6))
-                seen = calls()
-                if ended < clients and len(seen) >= before + share:
-                    client.kill()
-                    ended += 1
-                    break
-                if len(killed) < workers and len(seen) > before and seen[-1][0] not in killed:
-                    killed.append(seen[-1][0])
-                    _kill(seen[-1][0])
-            if client.wait() == 0 and ended >= clients:
+    command = _script(folder, shards)
+    while True:
+        client = subprocess.Popen([*command, "2"], env=_to("cut"), **SILENT)
+        before, share = len(_calls(folder)), max(1, shards // (clients + 2))
+        while client.poll() is None:
+            time.sleep(pick.uniform(0.2, 0.6))
+            seen = _calls(folder)
+            if ended < clients and len(seen) >= before + share:
+                client.kill()
+                ended += 1
                 break
-        made = calls()
-        subprocess.run([*command, "whole", "0"], check=True, capture_output=True)
-        same = _same(folder / "whole", folder / "killed")
-    again = sum(finished for _, _, finished in made)
-    print(
-        f"kills: {len(killed)} workers and {ended} clients with their schedulers were killed; {len(made)} calls for "
-        f"{shards} shards, {again} of them for finished shards; the store is {'' if same else 'not '}equal",
-        flush=True,
+            if len(killed) < workers and len(seen) > before and seen[-1][0] not in killed:
+                killed.append(seen[-1][0])
+                _kill(seen[-1][0])
+        if client.wait() == 0 and ended >= clients:
+            break
+    return _compared(folder, shards, f"{len(killed)} workers and {ended} clients with their schedulers were killed")
+
+
+def killed_schedulers(folder, count, shards, longest=120.0):
+    """Kill the separate scheduler of a sweep `count` times, complete the sweep, and compare its store.
+
+    **Raises:** RuntimeError if the client of a killed scheduler does not end within `longest` [s].
+    """
+    command, file, ended = _script(folder, shards), folder / "scheduler.json", 0
+    while True:
+        file.unlink(missing_ok=True)
+        scheduler = _dask("scheduler", "--scheduler-file", str(file), "--port", "0", "--no-dashboard")
+        while not file.exists():
+            time.sleep(0.1)
+        own = ("--scheduler-file", str(file), "--nthreads", "1", "--no-nanny", "--no-dashboard")
+        workers = [_dask("worker", *own, "--death-timeout", "10") for _ in range(2)]
+        client = subprocess.Popen([*command, str(file)], env=_to("cut"), **SILENT)
+        try:
+            enough = len(_calls(folder)) + max(1, shards // (count + 2))
+            while client.poll() is None and (ended == count or len(_calls(folder)) < enough):
+                time.sleep(0.1)
+            if client.poll() is None:
+                scheduler.kill()
+                ended += 1
+            if client.wait(longest) == 0 and ended == count:
+                return _compared(folder, shards, f"{ended} separate schedulers were killed")
+        except subprocess.TimeoutExpired:
+            raise RuntimeError(f"the client has not ended {longest:.0f} s after its scheduler was killed") from None
+        finally:
+            for process in (client, scheduler, *workers):
+                process.kill()
+                process.wait()
+
+
+def _dask(kind, *arguments):
+    return subprocess.Popen(
+        [sys.executable, "-m", f"distributed.cli.dask_{kind}", *arguments], env=_to("cut"), **SILENT
     )
-    return same and not again
+
+
+def _to(store):
+    """Return the environment of the processes that write a store."""
+    return os.environ | {"STORE": store}
+
+
+def full_disk(folder, shards):
+    """Run a sweep on a tmpfs of half its size, then enlarge the tmpfs and complete the sweep; compare its store.
+
+    **Raises:** PermissionError if this process must not mount file systems.
+    """
+    command, store = _script(folder, shards), folder / "cut"
+    store.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", f"size={14 * shards}k", "tmpfs", str(store)]
+    if not shutil.which("mount") or subprocess.run(mount, capture_output=True).returncode:
+        raise PermissionError("a tmpfs cannot be mounted: run as root, or with unshare -rm")
+    try:
+        first = subprocess.run([*command, "0"], env=_to("cut"), capture_output=True, text=True)
+        if "No space left on device" not in first.stderr:
+            raise RuntimeError(f"the disk was not full: {first.stderr}")
+        subprocess.run(["mount", "-o", f"remount,size={200 * shards}k", str(store)], check=True)
+        subprocess.run([*command, "0"], env=_to("cut"), check=True, capture_output=True)
+        return _compared(folder, shards, "the disk was full once")
+    finally:
+        subprocess.run(["umount", str(store)], check=True)
+
+
+def _script(folder, shards):
+    (folder / "script.py").write_text(CALLS.replace("SHARDS", str(shards)))
+    return [sys.executable, str(folder / "script.py")]
+
+
+def _calls(folder):
+    """Return the process, the shard, and whether the shard was finished, of each call so far."""
+    lines = _text(folder / "calls").splitlines()
+    return [tuple(map(int, x.split())) for x in lines if x.count(" ") == 2]
+
+
+def _compared(folder, shards, interruptions):
+    made = _calls(folder)
+    subprocess.run([*_script(folder, shards), "0"], env=_to("whole"), check=True, capture_output=True)
+    again = sum(finished for _, _, finished in made)
+    return Interrupted(shards, len(made), again, _same(folder / "whole", folder / "cut"), interruptions)
+
+
+def interrupted(name, run):
+    """Print and judge an interrupted sweep."""
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            found = run(Path(folder))
+        except PermissionError as error:
+            print(f"{name}: skipped, because {error}", flush=True)
+            return True
+    print(f"{name}: {found}", flush=True)
+    return found.good
 
 
 def _kill(process):
@@ -165,13 +276,13 @@ def _same(one, other):
 def main(arguments):
     """Print the results, and return the number of measurements that fail."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("kinds", nargs="*", help="memory, tunings, overhead, kills; default: all")
+    parser.add_argument("kinds", nargs="*", help="memory, tunings, overhead, kills, schedulers, full; default: all")
     parser.add_argument("--points", type=int, default=10**7, help="number of points of `memory`")
     parser.add_argument("--tunings", type=int, default=10**5, help="number of points of `tunings`")
     parser.add_argument("--few", type=int, default=10**5, help="number of points with which the memory is compared")
     parser.add_argument("--workers", type=int, default=20, help="number of workers to kill")
-    parser.add_argument("--clients", type=int, default=5, help="number of clients to kill")
-    parser.add_argument("--shards", type=int, default=200, help="number of shards of `kills`")
+    parser.add_argument("--clients", type=int, default=5, help="number of clients to kill, and of separate schedulers")
+    parser.add_argument("--shards", type=int, default=200, help="number of shards of interrupted sweeps")
     parser.add_argument("--alone", nargs=2, metavar=("KIND", "COUNT"), help=argparse.SUPPRESS)
     given = parser.parse_args(arguments)
     if given.alone:
@@ -180,7 +291,9 @@ def main(arguments):
         "memory": lambda: flat("memory", min(given.few, given.points), given.points),
         "tunings": lambda: flat("tunings", max(given.tunings // 10, 1), given.tunings),
         "overhead": overhead,
-        "kills": lambda: kills(given.workers, given.clients, given.shards),
+        "kills": lambda: interrupted("kills", lambda x: killed_sweep(x, given.workers, given.clients, given.shards)),
+        "schedulers": lambda: interrupted("schedulers", lambda x: killed_schedulers(x, given.clients, given.shards)),
+        "full": lambda: interrupted("full", lambda x: full_disk(x, given.shards)),
     }
     results = {name: measurements[name]() for name in given.kinds or measurements}
     failed = [name for name, good in results.items() if not good]

@@ -34,6 +34,7 @@ from .design.robust.box_outcome import BoxTuned as BoxTuned
 from .design.robust.certify_box import certify_box as certify_box
 from .design.robust.outcome import RobustTuned as RobustTuned
 from .design.robust.robust_tune import robust_tune as robust_tune
+from .design.robust.robust_tune_route import robust_tune_route as robust_tune_route
 from .design.robust.spread import Spread as Spread
 from .design.speed_profile import SpeedProfile as SpeedProfile, speed_profile as speed_profile
 from .design.timing.outcome import Retimed as Retimed

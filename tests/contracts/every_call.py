@@ -327,7 +327,7 @@ RESULTS = (
     *("SpeedProfile.share", "Study.percentiles", "Study.worst", "TunedRoute.unproved"),
 )
 SEARCHES = (
-    *("atlas", "tuned_points", "certify_box", "robust_tune"),
+    *("atlas", "tuned_points", "certify_box", "robust_tune", "robust_tune_route"),
     *("assess_loop", "certify", "closed_pose", "fit", "fit_route", "judge_loop", "judge_slew", "margin_uncertainty"),
     *("retime", "retime_together", "tune", "tune_route", "uncertainty", "speed_profile", "monte_carlo", "loop_history"),
     *("compare_attitude", "compare_paths", "compare_rates"),

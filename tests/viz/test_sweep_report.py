@@ -41,6 +41,17 @@ def test_counts_extremes_and_failures(tmp_path):
     assert "<h2>one</h2>" not in page  # a constant has no histogram
 
 
+def test_outputs_that_are_arrays_are_named(tmp_path):
+    """They have no row in the table of outputs, and the page says so."""
+
+    def both(point):
+        return {"y": point["x"], "v": np.full(3, point["x"])}
+
+    page = sweep_page(qt.sweep(both, {"x": np.arange(4.0)}, tmp_path / "s", workers=0))
+    assert "Not shown, because their values are arrays: v." in page
+    assert "Not shown" not in page_of(tmp_path / "t")[1]
+
+
 def test_histograms_count_all_successful_points(tmp_path):
     _, page = page_of(tmp_path / "s")
     found = bars(page, "y")

@@ -126,6 +126,17 @@ class Swept:
             raise ValueError(f"the points have the numbers 0 to {self.points - 1}, but {point} was given")
         return self.plan.rows.point(int(point))
 
+    @property
+    def attributes(self) -> dict[str, Any]:
+        """The attributes of the store, such as its provenance.
+
+        **Raises:** ModuleNotFoundError with the extra to install, if zarr is missing.
+        """
+        require_package("zarr", "reading a store", "sweep")
+        import zarr  # imported here, because it delays the import of qtraj
+
+        return dict(zarr.open_group(self.folder, mode="r").attrs)
+
     def to_xarray(self, grid: bool = False) -> xarray.Dataset:
         """Open the store as a dataset, whose values are read when they are used (extra `sweep`).
 

@@ -55,6 +55,8 @@ def _sections(swept: Swept) -> Iterator[str]:
         ("output", "mean", "smallest", "at", "largest", "at"),
         [(name, _number(x.mean), *_extremes(swept, x)) for name, x in scalars.items()],
     )
+    if arrays := [name for name in swept.summary if name not in scalars]:
+        yield f'<p class="small">Not shown, because their values are arrays: {escape(", ".join(arrays))}.</p>\n'
     for name, x in scalars.items():
         if (histogram := _histogram(swept, name, x)) is not None:
             yield f"<section><h2>{escape(name)}</h2>{_picture(*histogram)}</section>\n"
@@ -63,8 +65,7 @@ def _sections(swept: Swept) -> Iterator[str]:
     if swept.errors:
         shards = [(f"{x.first} to {x.stop - 1}", _values(x.parameters), x.text) for x in swept.errors[:MOST]]
         yield _table("Shards that raised an error", ("points", "first parameters", "error"), shards)
-    stored = json.loads((swept.folder / "zarr.json").read_text(encoding="utf-8")).get("attributes", {})
-    about = [(str(name).replace("_", " "), _text(x)) for name, x in stored.items()]
+    about = [(str(name).replace("_", " "), _text(x)) for name, x in swept.attributes.items()]
     yield _table("Provenance", ("", ""), [*about, ("store", swept.folder.name), ("report", f"qtraj {__version__}")])
 
 

@@ -93,10 +93,12 @@ class Box(eqx.Module):
         intervals: Mapping[str, Any] | None = None,
         **unknown: Any,
     ):
-        for own, name, example in ((limits, "limits", "friction"), (intervals, "intervals", "start_speed")):
+        for mapping, name, example in ((limits, "limits", "friction"), (intervals, "intervals", "start_speed")):
             expected = f"a dictionary of deviations by name, such as {{{example!r}: 0.05}}"
-            require_type(own, Mapping | None, name, expected)  # pyright: ignore[reportArgumentType]
-        given = {name: x for name, x in locals().items() if name in UNITS and x is not None} | dict(intervals or {})
+            require_type(mapping, Mapping | None, name, expected)  # pyright: ignore[reportArgumentType]
+        own = (start_speed, start_radial_speed, start_axial_speed, start_axial_position)
+        own += (end_speed, end_radial_speed, end_axial_speed, end_axial_position, mass)
+        given = {name: x for name, x in zip(UNITS, own, strict=True) if x is not None} | dict(intervals or {})
         for name in (*unknown, *given):
             if name not in UNITS:
                 raise ValueError(f"{name} is not a parameter of a Box: {_instead(name)}")

@@ -7,7 +7,7 @@ from jaxtyping import Array, Int
 
 from qtraj.design.limits import Limits
 from qtraj.design.robust.box_certificate import BoxCertificate, unmet_text
-from qtraj.design.robust.outcome import tightened_text
+from qtraj.design.robust.outcome import record_with, tightened_text
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.foundation import document
 from qtraj.foundation.arrays import as_array
@@ -69,7 +69,5 @@ class BoxTuned(AbstractOutcome):
 
     def record(self) -> Record:
         """Return the quantities of the tuned path; `certificate.record()` describes the proof."""
-        inner = self.tuned.record()
         holds = self.certificate is not None and self.certificate.holds
-        summary = f"limits {'proved' if holds else 'not proved'} for all deviations in the box; {inner.summary}"
-        return Record(summary, inner.variables, inner.coordinates, inner.attributes)
+        return record_with(self.tuned, f"limits {'proved' if holds else 'not proved'} for all deviations in the box")

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from qtraj.design.limits import Limits
 from qtraj.design.proof.certify import certify
@@ -15,6 +15,9 @@ from qtraj.path.boundary import BoundaryState
 from qtraj.path.placement import Placement
 from qtraj.path.quantity import quantity
 from qtraj.path.spiral_helix import SpiralHelix
+
+STATES = 12
+"""Number of components of the states that deviate: position and velocity at both ends."""
 
 BLOCK = 1024
 """Number of paths that are checked at once."""
@@ -79,22 +82,15 @@ class Samples(NamedTuple):
     states: Float[np.ndarray, "n 12"]
     limits: Float[np.ndarray, "n k"]
 
-    def satisfied(self, paths: Driven, spread: Spread) -> Bool[np.ndarray, " n"]:
-        """Return for each sample whether all limits are satisfied on the whole path."""
-        values = paths.largest(self.states * spread.states)
-        bounds, sides, sigmas = bounds_of(paths.limits, spread)
-        sampled = bounds + sigmas * self.limits[:, : len(bounds)]
-        return np.all(sides * (sampled - values) >= 0, axis=1)
-
 
 def samples_of(count: int, limits: int, seed: int) -> Samples:
     """Return scrambled Sobol points (a power of two of them), transformed to normal numbers."""
     from scipy.special import ndtri  # imported here, because scipy.stats is slow
     from scipy.stats import qmc
 
-    points = qmc.Sobol(12 + limits, rng=np.random.default_rng(seed)).random(count)
+    points = qmc.Sobol(STATES + limits, rng=np.random.default_rng(seed)).random(count)
     normal = ndtri(np.clip(points, 1e-12, 1 - 1e-12))
-    return Samples(normal[:, :12], normal[:, 12:])
+    return Samples(normal[:, :STATES], normal[:, STATES:])
 
 
 def bounds_of(limits: Limits, spread: Spread | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -8,6 +8,7 @@ from jaxtyping import Array, Float, Int
 
 from qtraj.design.limits import Limits
 from qtraj.design.tuning.outcome import Tuned
+from qtraj.design.tuning_route.tuned_route import TunedRoute
 from qtraj.foundation import document
 from qtraj.foundation.arrays import as_array, as_float
 from qtraj.foundation.document import storable
@@ -22,7 +23,7 @@ from qtraj.path.quantity import quantity
 class RobustTuned(AbstractOutcome):
     """A path that satisfies limits with a stated probability, although boundary states and limits deviate.
 
-    - `tuned`: the result of `tune` within the tightened limits; its certificate is for these limits.
+    - `tuned`: the result of `tune` or `tune_route` within the tightened limits; its certificate is for these limits.
     - `limits`: the tightened limits.
     - `share`: the wanted probability that all limits are satisfied together.
     - `sampled_share`: the share of the sampled paths that satisfy all limits.
@@ -31,7 +32,7 @@ class RobustTuned(AbstractOutcome):
     - `code`: a `ResultCode`; `result` explains it.
     """
 
-    tuned: Tuned
+    tuned: Tuned | TunedRoute
     limits: Limits
     share: Float[Array, ""]
     sampled_share: Float[Array, ""]
@@ -41,7 +42,7 @@ class RobustTuned(AbstractOutcome):
 
     def __init__(
         self,
-        tuned: "Tuned",
+        tuned: "Tuned | TunedRoute",
         limits: "Limits",
         share: ArrayInput,
         sampled_share: ArrayInput,
@@ -75,14 +76,21 @@ class RobustTuned(AbstractOutcome):
 
     def record(self) -> Record:
         """Return the quantities of the tuned path, with the shares and the factor."""
-        inner = self.tuned.record()
         own = {
             "share": Quantity(self.share, "1", "wanted probability that all limits are satisfied"),
             "sampled_share": Quantity(self.sampled_share, "1", "share of the sampled paths that satisfy all limits"),
             "margin_factor": Quantity(self.factor, "1", "margins of the limits, in standard deviations of first order"),
         }
-        summary = f"{100 * float(self.sampled_share):.2f} % of the sampled paths satisfy all limits; {inner.summary}"
-        return Record(summary, {**own, **inner.variables}, inner.coordinates, inner.attributes)
+        summary = f"{100 * float(self.sampled_share):.2f} % of the sampled paths satisfy all limits"
+        return record_with(self.tuned, summary, own)
+
+
+def record_with(tuned: Tuned | TunedRoute, summary: str, own: dict[str, Quantity] | None = None) -> Record:
+    """Return the record of a tuning with a summary before its own, and more quantities."""
+    inner = tuned.record()
+    return Record(
+        f"{summary}; {inner.summary}", {**(own or {}), **inner.variables}, inner.coordinates, inner.attributes
+    )
 
 
 def tightened_text(limits: Limits) -> str:

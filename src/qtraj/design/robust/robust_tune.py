@@ -5,38 +5,18 @@ from __future__ import annotations  # so that `help` shows short names
 from typing import Any, overload
 
 import numpy as np
-from jaxtyping import Float
 
 from qtraj.design.limits import Limits
-from qtraj.design.obstacles.keep_out import refuse_obstacles
 from qtraj.design.robust.box import Box
 from qtraj.design.robust.box_outcome import BoxTuned
-from qtraj.design.robust.driven import Driven, bounds_of, driven, samples_of
+from qtraj.design.robust.driven import driven
 from qtraj.design.robust.outcome import RobustTuned
 from qtraj.design.robust.spread import Spread
-from qtraj.design.robust.tightened import tightened
+from qtraj.design.robust.to_share import require_share, tuned_to_share
 from qtraj.design.robust.tune_in_box import tune_in_box
-from qtraj.design.tuning.outcome import Tuned
 from qtraj.design.tuning.tune import tune
 from qtraj.foundation.argument import require_type
-from qtraj.foundation.outcome import ResultCode
 from qtraj.path.boundary import BoundaryState
-from qtraj.path.quantity import quantity
-
-CLOSE = 5e-4
-"""Largest distance of the share from the wanted one."""
-
-MAX_ROUNDS = 12
-"""Maximum number of tunings."""
-
-UPDATES = 3
-"""Number of tunings whose paths determine the standard deviations; then only the factor changes.
-
-Otherwise two paths with different standard deviations could alternate.
-"""
-
-SLOPES = 0.3, 3.0
-"""Smallest and largest change of the quantile of the share per change of the factor; it is about 1."""
 
 
 @overload
@@ -113,51 +93,17 @@ def robust_tune(
         if (share, samples, seed) != (0.99, 8192, 0):
             raise ValueError("share, samples and seed are only for a Spread: with a Box, all deviations count")
         return tune_in_box(start, end, limits, spread, **options)
-    _require(start, end, limits, spread, share, samples)
-    from scipy.special import ndtri  # imported here, so that `import qtraj` does not import SciPy
-
-    points = samples_of(samples, len(limits.given()), seed)
-    wanted = float(ndtri(share))
-    tuned, tight, factor, rounds = tune(start, end, limits, **options), limits, 0.0, 1
-    sigmas, slope, before = np.zeros(0), 1.0, (0.0, 0.0)
-    while True:
-        paths = driven(tuned, limits)
-        found = float(points.satisfied(paths, spread).mean())
-        if not tuned.converged or abs(found - share) <= CLOSE or (factor == 0 and found > share):
-            return _outcome(tuned, tight, share, found, factor, rounds, ResultCode(int(tuned.code)))
-        if rounds == MAX_ROUNDS:
-            return _outcome(tuned, tight, share, found, factor, rounds, ResultCode.not_converged)
-        reached = float(ndtri(np.clip(found, 0.5 / samples, 1 - 0.5 / samples)))
-        if rounds <= UPDATES:
-            sigmas = _sigmas(paths, spread)
-        elif rounds > UPDATES + 1 and factor != before[0]:  # the last two factors had the same standard deviations
-            slope = float(np.clip((reached - before[1]) / (factor - before[0]), *SLOPES))
-        before = factor, reached
-        factor = max(0.0, factor + (wanted - reached) / slope)
-        closer = tightened(limits, factor * sigmas)
-        if closer is None:
-            return _outcome(tuned, tight, share, found, factor, rounds, ResultCode.infeasible)
-        tight, rounds = closer, rounds + 1
-        tuned = tune(start, end, tight, **options)
-
-
-def _outcome(
-    tuned: Tuned, tight: Limits, share: float, found: float, factor: float, rounds: int, code: ResultCode
-) -> RobustTuned:
-    return RobustTuned(tuned, tight, share, found, factor, rounds, int(code))
-
-
-def _sigmas(paths: Driven, spread: Spread) -> Float[np.ndarray, " k"]:
-    """Return the standard deviations of the distances of the largest values from their limits, to first order.
-
-    Each component of the states changes by one standard deviation in both directions; the larger increase counts, which
-    is right also if two maxima of a quantity have almost the same value.
-    """
-    steps = np.diag(spread.states)[spread.states > 0]
-    values = paths.largest(np.concatenate([np.zeros((1, 12)), steps, -steps]))
-    _, sides, own = bounds_of(paths.limits, spread)
-    changes = (sides * (values[1:] - values[0])).reshape(2, len(steps), len(sides))
-    return np.sqrt(own**2 + np.sum(np.maximum(changes.max(axis=0), 0.0) ** 2, axis=0))
+    _require_one(start, end)
+    require_share("robust_tune", limits, spread, share, samples)
+    return tuned_to_share(
+        lambda tight: tune(start, end, tight, **options),
+        lambda tuned: driven(tuned, limits),
+        limits,
+        spread,
+        share,
+        samples,
+        seed,
+    )
 
 
 def _require_one(start: BoundaryState, end: BoundaryState) -> None:
@@ -167,22 +113,3 @@ def _require_one(start: BoundaryState, end: BoundaryState) -> None:
             raise ValueError(
                 f"robust_tune tunes one problem, but the states have the batch shape {np.shape(state.position)[:-1]}"
             )
-
-
-def _require(
-    start: BoundaryState, end: BoundaryState, limits: Limits, spread: Spread, share: float, samples: int
-) -> None:
-    _require_one(start, end)
-    if not isinstance(spread, Spread):
-        raise ValueError(
-            f"spread must be a Spread, such as Spread(start_velocity=0.1), or a Box, but {spread!r} was given"
-        )
-    if not 0.5 <= share <= 0.9999:
-        raise ValueError(f"share must be a probability from 0.5 to 0.9999, but {share} was given")
-    if samples not in {2**k for k in range(8, 21)}:
-        raise ValueError(f"samples must be a power of two from 256 to 2**20, but {samples} was given")
-    refuse_obstacles(limits, "robust_tune", "omit keep_out")
-    limits.require_constant("robust_tune", "pass one value for the whole path")
-    names = {each for name in limits.given() for each in (name, quantity(name).base or name)}
-    if unknown := sorted(spread.limits.keys() - names):
-        raise ValueError(f"spread.limits contains {unknown[0]!r}, but there is no such limit in limits")
