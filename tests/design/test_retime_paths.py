@@ -86,7 +86,7 @@ def test_cells_are_halved_where_the_squared_rate_is_negative_between_the_nodes(s
 def test_straight_lines_with_a_limit_on_the_jerk():
     """V = 5, A = J = 1: a ramp takes 6 s, so the duration is L/V + 6 s. Rounding does not turn the lines into bends."""
     rng, zero = np.random.default_rng(0), np.zeros((2, 3))
-    for end in np.round(rng.uniform(-200, 200, (6, 3)), 1):
+    for end in np.round(rng.uniform(-200, 200, (20, 3)), 1):
         route = qt.Route([0.0, 1], [[0, 0, 0], end], zero, zero)
         timed = from_rest(route, {"speed": 5.0, "acceleration": 1.0, "jerk": 1.0})
         assert timed.code == qt.ResultCode.successful

@@ -65,14 +65,18 @@ def best_by_slsqp(name, along):
     return found.fun * float(problem.scale)
 
 
+FOUR = [
+    ("speed", [9.0, 7.4, 8.6], "step"),
+    ("speed", [7.6, 9.5, 8.4], "linear"),
+    ("lateral_acceleration", [2.6, 1.9, 2.4], "linear"),
+    ("lateral_acceleration", [1.9, 2.7, 2.2], "step"),
+]
+OTHER = {"step": "linear", "linear": "step"}
+
+
 @pytest.mark.parametrize(
     ("name", "values", "kind"),
-    [
-        ("speed", [9.0, 7.4, 8.6], "step"),
-        ("speed", [7.6, 9.5, 8.4], "linear"),
-        ("lateral_acceleration", [2.6, 1.9, 2.4], "linear"),
-        ("lateral_acceleration", [1.9, 2.7, 2.2], "step"),
-    ],
+    [*FOUR, *(pytest.param(*case[:2], OTHER[case[2]], marks=pytest.mark.slow) for case in FOUR)],
 )
 def test_optima_agree_with_slsqp(name, values, kind):
     along = qt.Along([0.0, 14.0, 26.0], values, kind)

@@ -24,9 +24,9 @@ def contradiction(route, limits, **arguments):
     return tuned
 
 
-def test_a_limit_that_the_tube_does_not_allow():
+@pytest.mark.parametrize("limit", [0.1, pytest.param(0.2, marks=pytest.mark.slow)])
+def test_a_limit_that_the_tube_does_not_allow(limit):
     """The advice is a higher limit, with which a search succeeds."""
-    limit = 0.1
     tuned = contradiction(WAVES, {"lateral_acceleration": limit}, tube=0.05)
     advised = float(re.search(r"With lateral_acceleration = ([\d.]+) m/s², every limit is", tuned.result)[1])
     assert limit < tuned.certificate.worst["lateral_acceleration"][1] < advised < 0.25
