@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from benchmarks.random_paths import RandomPath, exact_duration, random_path
+from benchmarks.random_paths import RandomPath, exact_duration, random_path, reparametrised
 from scipy.interpolate import CubicSpline, PPoly
 
 import qtraj as qt
@@ -49,6 +49,14 @@ def test_a_timing_that_the_proofs_slow_down_is_within_the_tolerance():
     _, timed = timing_of(random_path(667))
     assert timed.code == qt.ResultCode.successful, timed.result
     assert float(timed.gap) <= 1e-3
+
+
+def test_a_squared_rate_that_is_negative_between_all_samples_of_a_cell_is_found():
+    """On the first cells of this curve, whose parameter slows down, the duration is NaN."""
+    path = random_path(1846)
+    timed = from_rest(qt.Route.from_piecewise(reparametrised(path, 1846).spline), path.limits)
+    assert timed.code == qt.ResultCode.successful, timed.result
+    assert float(timed.duration) == pytest.approx(exact_duration(path), rel=2e-3)
 
 
 @pytest.mark.parametrize("seed", BRAKING)

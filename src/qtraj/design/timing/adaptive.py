@@ -188,7 +188,7 @@ def _halved(
     """Return the cells of the next draft."""
     times = latest.times()
     if not np.isfinite(times).all():
-        return with_positive(shape, cells, latest.powers)
+        return with_positive(shape, cells, latest.powers, times)
     return refined(shape, task, accuracy, cells, (latest.powers, times, latest.lost, profile))
 
 
@@ -208,7 +208,7 @@ def _positive(shape: Shape, cells: Cells, draft_on: Any, before: Drafted | Searc
         # Smaller cells do not help a search that failed.
         if np.isfinite(draft.times()).all() or not np.isfinite(draft.powers).all() or cells.half.size > MOST // 2:
             break
-        cells = with_positive(shape, cells, draft.powers)
+        cells = with_positive(shape, cells, draft.powers, draft.times())
         draft = draft_on(cells)
     return cells, draft
 

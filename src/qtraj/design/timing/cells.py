@@ -247,10 +247,16 @@ def divided(shape: Shape, cells: Cells, which: Bool[np.ndarray, " cells"]) -> Ce
     return _graded(shape, cells.halved(which))
 
 
-def with_positive(shape: Shape, cells: Cells, powers: Float[np.ndarray, "cells 4"]) -> Cells:
-    """Halve cells in which a = u̇² with the coefficients `powers` is not positive everywhere, and their neighbours."""
+def with_positive(
+    shape: Shape, cells: Cells, powers: Float[np.ndarray, "cells 4"], times: Float[np.ndarray, " cells"]
+) -> Cells:
+    """Halve cells in which a = u̇² with the coefficients `powers` is not positive everywhere, and their neighbours.
+
+    Samples may miss a short range of negative values. It makes the `times` from this cell onwards NaN.
+    """
     a = powers @ np.linspace(0.0, 1.0, FINE) ** np.arange(4)[:, None]
-    bad = np.pad(~(a[:, 1:-1] > 0).all(axis=1), 1)
+    bad, undefined = ~(a[:, 1:-1] > 0).all(axis=1), ~np.isfinite(times)
+    bad = np.pad(bad | (undefined & (np.cumsum(undefined) == 1)), 1)
     return _graded(shape, cells.halved(bad[1:-1] | bad[2:] | bad[:-2]))
 
 
