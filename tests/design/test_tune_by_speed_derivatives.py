@@ -2,6 +2,7 @@
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import pytest
 from tests.design.route_derivatives import compared
 from tests.design.test_tune_route_derivatives import STATES, TIMES
@@ -44,6 +45,24 @@ def test_compiled_searches_agree():
     own, gradient = jax.jit(jax.value_and_grad(number))(THETA)
     assert float(own) == pytest.approx(float(value), rel=1e-6)
     assert float(gradient @ DIRECTION) == pytest.approx(float(slope), rel=1e-6)
+
+
+def test_each_limit_has_its_own_derivatives():
+    """What JAX has traced for one limit by speed must not serve another one."""
+
+    times = np.linspace(0.0, 8.0, 5)
+    angle, zero = 0.3 * times, 0.0 * times
+    circle = 20 * np.stack([np.sin(angle), np.cos(angle), zero], 1)
+    velocities = 6 * np.stack([np.cos(angle), -np.sin(angle), zero], 1)
+
+    def objective(size, end):
+        route = qt.Route(times, circle * size, velocities * size, -0.09 * circle * size)
+        limits = qt.Limits(lateral_acceleration=qt.BySpeed([0.0, 10.0], magnitude=[3.0, end]))
+        return qt.tune_route(route, limits, 2.0, fixed=np.zeros(5, bool)).objective
+
+    for end in (0.9, 0.3):
+        rise = (float(objective(1 + 1e-5, end)) - float(objective(1 - 1e-5, end))) / 2e-5
+        assert float(jax.grad(objective)(1.0, end)) == pytest.approx(rise, rel=1e-3)
 
 
 def test_what_is_refused():

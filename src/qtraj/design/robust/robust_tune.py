@@ -94,7 +94,7 @@ def robust_tune(
             raise ValueError("share, samples and seed are only for a Spread: with a Box, all deviations count")
         return tune_in_box(start, end, limits, spread, **options)
     _require_one(start, end)
-    require_share("robust_tune", limits, spread, share, samples)
+    require_share("robust_tune", limits, spread, share, samples, seed)
     return tuned_to_share(
         lambda tight: tune(start, end, tight, **options),
         lambda tuned: driven(tuned, limits),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numbers
 from collections.abc import Callable
 from typing import Any, Protocol
 
@@ -115,17 +116,19 @@ def _sigmas(paths: Deviating, spread: Spread) -> Float[np.ndarray, " k"]:
     return np.sqrt(own**2 + np.sum(np.maximum(changes.max(axis=0), 0.0) ** 2, axis=0))
 
 
-def require_share(call: str, limits: Limits, spread: Spread, share: float, samples: int) -> None:
+def require_share(call: str, limits: Limits, spread: Spread, share: float, samples: int, seed: int) -> None:
     """Raise a ValueError for arguments of `call` with which no share is possible."""
     if not isinstance(spread, Spread):
         other = ", or a Box" if call == "robust_tune" else ""
         raise ValueError(
             f"spread must be a Spread, such as Spread(start_velocity=0.1){other}, but {spread!r} was given"
         )
-    if not 0.5 <= share <= 0.9999:
-        raise ValueError(f"share must be a probability from 0.5 to 0.9999, but {share} was given")
-    if samples not in {2**k for k in range(8, 21)}:
-        raise ValueError(f"samples must be a power of two from 256 to 2**20, but {samples} was given")
+    if isinstance(share, bool) or not isinstance(share, numbers.Real) or not 0.5 <= share <= 0.9999:
+        raise ValueError(f"share must be a probability from 0.5 to 0.9999, but {share!r} was given")
+    if not isinstance(samples, int | np.integer) or samples not in {2**k for k in range(8, 21)}:
+        raise ValueError(f"samples must be a power of two from 256 to 2**20, but {samples!r} was given")
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise ValueError(f"seed must be an integer, 0 or more, but {seed!r} was given")
     refuse_obstacles(limits, call, "omit keep_out")
     limits.require_constant(call, "pass one value for the whole path")
     names = {each for name in limits.given() for each in (name, quantity(name).base or name)}

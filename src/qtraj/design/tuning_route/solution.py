@@ -64,6 +64,7 @@ class Structure:
             parameters,
             padded,
             obstacles,
+            _numbers(self.by_speed),
             *((x.shape, x.dtype.str, x.tobytes()) for x in curves),
         )
 
@@ -104,7 +105,8 @@ class Structure:
         return RouteProblem(composed=self.composed, sense=self.curves.reversing, **own)  # type: ignore[arg-type]
 
 
-def _key(limits: Mapping[str, OfSpeed]) -> str:
+def _numbers(limits: Mapping[str, OfSpeed]) -> str:
+    """Return the names and all numbers of limits by speed, as a text."""
     numbers = jax.tree.map(lambda x: np.asarray(x, float).tolist(), [*limits.values()])
     return repr([*limits, str(jax.tree.structure(numbers)), jax.tree.leaves(numbers)])
 
