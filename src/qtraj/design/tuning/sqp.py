@@ -29,7 +29,10 @@ GROWTH, SHRINKAGE = 2.5, 0.3  # next trust radius divided by the size of a good 
 MIN_RATIO, GOOD_RATIO = 0.1, 0.7  # minimum actual/predicted decrease to accept a step, and to increase the radius
 INITIAL_PENALTY, PENALTY_GROWTH, MAX_PENALTY = 2.0, 5.0, 1e5
 FLOOR_GROWTH = 25.0  # of the lower limit of the penalty
-SATISFYING_PENALTY = 10.0  # initial penalty divided by the cost, for searches that start from feasible paths
+SATISFYING_PENALTY = 10.0
+"""For searches that start from feasible paths, the lower limit of the penalty, and the initial penalty divided by
+1 + |cost|."""
+
 PENALTY_MARGIN = 3.0  # penalty divided by the sum of the multipliers, if the limits are satisfied
 
 BLOCK = 1024
@@ -79,6 +82,11 @@ class SequentialQuadratic(AbstractSearch):
     ) -> Ends:
         """Return the final points of a batch of searches, each from its own `z`."""
         end = run(searches, z, self.max_steps, callback, satisfying)
+        lost = np.flatnonzero(~(end.largest <= FEASIBLE)) if satisfying else np.zeros(0, int)
+        if lost.size:
+            before = end.steps[lost]
+            end.put(lost, run(searches.take(lost), z[:, lost], self.max_steps, callback, satisfying, kept=True))
+            end.steps[lost] += before
         return Ends(end.z, end.cost, end.largest, end.stationary, end.steps, np.ones(searches.count))
 
 
@@ -105,17 +113,21 @@ def run(
     max_steps: int,
     callback: Callback | None = None,
     satisfying: bool = False,
+    kept: bool = False,
 ) -> State:
     """Return the final states of a batch of searches, each from its own `z`.
 
     `callback` is called with the number of finished searches. If the starts are `satisfying` the limits, the penalty is
-    so large that the searches do not leave the feasible paths.
+    so large that most searches do not leave the feasible paths. If it is `kept`, none does, but steps along a curved
+    constraint are short.
     """
     with np.errstate(all="ignore"):
-        return _run(searches, np.clip(z, searches.low, searches.high), max_steps, callback, satisfying)
+        return _run(searches, np.clip(z, searches.low, searches.high), max_steps, callback, satisfying, kept)
 
 
-def _run(searches: Searches, z: np.ndarray, max_steps: int, callback: Callback | None, satisfying: bool) -> State:
+def _run(
+    searches: Searches, z: np.ndarray, max_steps: int, callback: Callback | None, satisfying: bool, kept: bool
+) -> State:
     count, entered = searches.count, 0
     final = _first(searches, z, np.zeros(count), np.zeros(count))
     index, active, state, model, multipliers = np.arange(0), searches, final, None, np.zeros((0, 0))
@@ -123,7 +135,7 @@ def _run(searches: Searches, z: np.ndarray, max_steps: int, callback: Callback |
         if index.size <= BLOCK // 2 and entered < count:
             new = np.arange(entered, min(entered + BLOCK - index.size, count))
             entered += new.size
-            own_state, own_model = _entered(searches.take(new), z[:, new], satisfying)
+            own_state, own_model = _entered(searches.take(new), z[:, new], satisfying, kept)
             if model is not None and index.size:
                 state = State(*(np.concatenate(x, axis=-1) for x in zip(state.fields, own_state.fields, strict=True)))
                 empty = np.zeros(own_model.value.shape)
@@ -145,13 +157,13 @@ def _run(searches: Searches, z: np.ndarray, max_steps: int, callback: Callback |
         active, state, model, multipliers = active.take(on), state.take(on), model.take(on), multipliers[:, on]
 
 
-def _entered(searches: Searches, z: np.ndarray, satisfying: bool) -> tuple[State, Model]:
+def _entered(searches: Searches, z: np.ndarray, satisfying: bool, kept: bool) -> tuple[State, Model]:
     """Return the states and the models of new searches."""
     peaks, largest = find_peaks(searches, Curves(searches, z))
     state = _first(searches, z, costs(searches, z), largest)
     if satisfying:
         state.penalty = SATISFYING_PENALTY * (1 + np.abs(state.cost))
-        state.floor = state.penalty
+        state.floor = state.penalty if kept else np.full(searches.count, SATISFYING_PENALTY)
     return state, build(searches, z, peaks)
 
 
