@@ -61,7 +61,7 @@ def values(c: Constraints, v: Float[Any, "orders *nodes"]) -> Float[Any, "count 
     """Return the constraint values, which must not be positive."""
     on_road = [] if c.road is None else [x[None] for x in road.values(c.road, v)]
     upper, (forms, *jerk) = (c.upper * v[0])[None], _squares(c, v)
-    own = [x - 1 for x in (upper, forms, _of_sides(c, v))]
+    own = [x - 1 for x in (upper, forms, *([_of_sides(c, v)] if len(c.sides) else []))]
     combined = [] if c.combined is None else [c.combined.value(v)[None]]
     return namespace(v, c.upper).concatenate([*own, *combined, *(x - 1 for x in jerk), *on_road])
 
@@ -71,12 +71,15 @@ def gradients(c: Constraints, v: Float[Any, "orders *nodes"]) -> Gradients:
     xp = namespace(v, c.upper)
     zero = xp.zeros_like(v[:1] * c.upper[None])
     found = [xp.concatenate([c.upper[None], *[zero] * (c.orders - 1)])[None]]
-    sides = c.sides[:, 1:] + 0.0 * v[0][None, None]
-    if c.bends is not None:
-        sides[:, 0] += c.bends.values(v[0])[1]
-    combined = [] if c.combined is None else [xp.stack(c.combined.gradient(v))[None]]
-    flat = xp.concatenate([2 * _products(xp, c.forms, v), sides, *combined])
-    found.append(flat if c.jerk is None else xp.concatenate([flat, xp.zeros_like(flat[:, :1])], axis=1))
+    flat = [2 * _products(xp, c.forms, v)]
+    if len(c.sides):
+        sides = c.sides[:, 1:] + 0.0 * v[0][None, None]
+        if c.bends is not None:
+            sides[:, 0] += c.bends.values(v[0])[1]
+        flat.append(sides)
+    if c.combined is not None:
+        flat.append(xp.stack(c.combined.gradient(v))[None])
+    found += flat if c.jerk is None else [xp.concatenate([x, xp.zeros_like(x[:, :1])], axis=1) for x in flat]
     if c.jerk is not None:
         slope = _products(xp, c.jerk, v)
         own = 2 * v[0][None, None] * slope

@@ -124,8 +124,7 @@ class _Move:
 
 def _positive(p: Program, v: Float[Any, "orders *batch 2 cells+1"]) -> Float[Any, "*batch 2 cells+1"]:
     """Return a = u̇² at the nodes, or 1 at nodes at rest; nodes at rest have the weight zero."""
-    xp = namespace(v)
-    return xp.where(xp.broadcast_to(p.nodes.standing > 0, v[0].shape), 1.0, v[0])
+    return namespace(v).where(p.nodes.standing > 0, 1.0, v[0])
 
 
 def _durations(pace: Float[Any, "batch 2 cells+1"]) -> PerProblem:

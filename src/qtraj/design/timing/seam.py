@@ -11,13 +11,15 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from qtraj.foundation.namespace import namespace
+from qtraj.foundation.namespace import is_host, namespace
 
 DEGREE = 3
 
 
 def repeated(coefficients: Float[Any, "*batch cells+3"], seam: Any) -> Float[Any, "*batch cells+3"]:
     """Return the coefficients; if `seam` is 1, the last three repeat the first three. If it is 0, nothing changes."""
+    if is_host(seam) and not seam:
+        return coefficients
     xp = namespace(coefficients, seam)
     last = coefficients[..., -DEGREE:] * (1 - seam) + coefficients[..., :DEGREE] * seam
     return xp.concatenate([coefficients[..., :-DEGREE], last], axis=-1)
@@ -25,6 +27,8 @@ def repeated(coefficients: Float[Any, "*batch cells+3"], seam: Any) -> Float[Any
 
 def added(gradient: Float[Any, "*batch cells+3"], seam: Any) -> Float[Any, "*batch cells+3"]:
     """Return a gradient; if `seam` is 1, the entries of repeated coefficients are added to those of the first three."""
+    if is_host(seam) and not seam:
+        return gradient
     xp, own = namespace(gradient, seam), gradient[..., -DEGREE:]
     first = gradient[..., :DEGREE] + own * seam
     return xp.concatenate([first, gradient[..., DEGREE:-DEGREE], own * (1 - seam)], axis=-1)

@@ -8,8 +8,7 @@ The functions of coefficients accept NumPy and JAX arrays. A batch of splines on
 axes of the nodes.
 """
 
-import functools
-import operator
+import itertools
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -196,11 +195,17 @@ def within_cells(
 def gathered(n: Nodes, parts: Float[Any, "orders *batch 2 cells+1"]) -> Float[Any, "*batch cells+3"]:
     """Convert a gradient with respect to values and derivatives at the nodes to one with respect to coefficients."""
     found = namespace(parts).einsum("okmn,o...mn->k...n", n.basis[: parts.shape[0]], parts)
-    return added(_overlapped(_padded(found), range(DEGREE + 1)), n.seam)
+    return added(_overlapped(found, range(DEGREE + 1)), n.seam)
 
 
 PAIRS = np.array([(k, k - d) for d in range(DEGREE + 1) for k in range(d, DEGREE + 1)])
 """Pairs of coefficients of a cell, diagonal by diagonal."""
+
+FIRST_PAIRS = [0, 4, 7, 9, 10]
+"""The first pair of each diagonal, and the number of all pairs."""
+
+TRIANGLES = {n: np.tril_indices(n) for n in (2, 3)}
+"""The indices of the lower triangles of matrices with n rows."""
 
 
 def products(basis: Float[Any, "orders 4 2 cells+1"]) -> Float[Any, "entries pairs 2 cells+1"]:
@@ -221,20 +226,25 @@ def gathered_band(
     `matrix` are the symmetric matrices at the nodes. Any d of the result contains the entries (i, i − d) of the matrix
     for the coefficients.
     """
-    entries = matrix[np.tril_indices(len(matrix))]
-    found = _padded(np.einsum("eqmn,e...mn->q...n", n.pairs[: len(entries)], entries))
-    firsts = np.cumsum([0, *range(DEGREE + 1, 0, -1)])
-    return tuple(_overlapped(found[firsts[d] : firsts[d + 1]], range(d, DEGREE + 1)) for d in range(DEGREE + 1))
+    entries = matrix[TRIANGLES[len(matrix)]]
+    found = np.einsum("eqmn,e...mn->q...n", n.pairs[: len(entries)], entries)
+    parts = itertools.pairwise(FIRST_PAIRS)
+    return tuple(_overlapped(found[first:end], range(d, DEGREE + 1)) for d, (first, end) in enumerate(parts))
 
 
-def _padded(rows: Float[Any, "rows *batch cells+1"]) -> Float[Any, "rows *batch cells+7"]:
-    xp = namespace(rows)
-    zeros = xp.zeros((*rows.shape[:-1], DEGREE), rows.dtype)
-    return xp.concatenate([zeros, rows, zeros], axis=-1)
+def _overlapped(rows: Float[Any, "rows *batch cells+1"], firsts: range) -> Float[Any, "*batch cells+3"]:
+    """Return the sum of the rows; each starts at the coefficient in `firsts`.
 
-
-def _overlapped(padded: Float[Any, "rows *batch cells+7"], firsts: range) -> Float[Any, "*batch cells+3"]:
-    """Return the sum of the rows; each starts at the coefficient in `firsts`."""
-    count = padded.shape[-1] - DEGREE - 1
-    rows = (x[..., DEGREE - k : DEGREE - k + count] for k, x in zip(firsts, padded, strict=True))
-    return functools.reduce(operator.add, rows)
+    The last entry of the last row is zero.
+    """
+    count = rows.shape[-1]
+    xp, shape = namespace(rows), (*rows.shape[1:-1], count + DEGREE)
+    if xp is np:
+        total = np.zeros(shape)
+        for k, row in zip(firsts, rows, strict=True):
+            total[..., k : k + count] += row
+    else:
+        total = xp.zeros(shape, rows.dtype)
+        for k, row in zip(firsts, rows, strict=True):
+            total = total.at[..., k : k + count].add(row)
+    return total[..., :-1]
