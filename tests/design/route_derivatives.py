@@ -38,6 +38,22 @@ def automatic(program, x, direction, multipliers, stiffness):
     return known(x, direction)
 
 
+def compare_with_automatic(program, rng, size):
+    """Compare the first and second derivatives of a problem with those by JAX, at random variables of a size.
+
+    Return the variables, a direction, and the linearised problem.
+    """
+    free = program.problem.free
+    z, direction = (rng.normal(0, scale, free.shape) * free for scale in (size, 1.0))
+    multipliers, stiffness = (rng.uniform(0.1, 1, program.full.shape) for _ in range(2))
+    gradient, product = automatic(program, z, direction, multipliers, stiffness)
+    linear = program.linearise(circuit.repeated(program.problem, z), multipliers, stiffness)
+    np.testing.assert_allclose(linear.residual, gradient, rtol=0, atol=1e-10 * np.abs(gradient).max())
+    found = linear.matrix.product(direction) * free
+    np.testing.assert_allclose(found, product, rtol=0, atol=1e-10 * np.abs(product).max())
+    return z, direction, linear
+
+
 def compared(arguments, theta, direction, monkeypatch):
     """Compare derivatives of `tune_route` with finite differences of the last search, with its margins; its values.
 

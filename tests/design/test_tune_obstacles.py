@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from tests.design.route_derivatives import automatic
+from tests.design.route_derivatives import compare_with_automatic
 
 import qtraj as qt
 from qtraj.design.obstacles.clear import clears
@@ -140,13 +140,7 @@ def test_derivatives_of_clearances_are_those_of_automatic_differentiation(kind):
     args = given, names, bounds, np.full((4, 2), 3.0), held, kind, False
     problem = around.with_obstacles(setup.problem_of(*args, origin=np.zeros(3)), own, given.h)
     program = RouteProgram(problem)
-    z, direction = (rng.normal(0, size, problem.free.shape) * problem.free for size in (0.1, 1.0))
-    multipliers, stiffness = (rng.uniform(0.1, 1, program.full.shape) for _ in range(2))
-    gradient, product = automatic(program, z, direction, multipliers, stiffness)
-    linear = program.linearise(z, multipliers, stiffness)
-    np.testing.assert_allclose(linear.residual, gradient, rtol=0, atol=1e-10 * np.abs(gradient).max())
-    found = linear.matrix.product(direction)
-    np.testing.assert_allclose(found, product, rtol=0, atol=1e-10 * np.abs(product).max())
+    z, direction, linear = compare_with_automatic(program, rng, 0.1)
     step = 1e-6
     both = [program.evaluate(z + sign * step * direction)[1] for sign in (1, -1)]
     change = linear.pushed(direction)

@@ -57,6 +57,20 @@ SAFETY = 2e-5
 """Margins are reduced by this fraction, which doubles with each repetition."""
 
 
+class Task(NamedTuple):
+    """A route to tune, its parts, its limits, the half-widths `tube` (n + 1, 2) at the joints [m], and the problem.
+
+    `most` is the largest number of steps of a search.
+    """
+
+    route: Route
+    given: Parts
+    limits: Limits
+    tube: np.ndarray
+    problem: RouteProblem
+    most: int
+
+
 class Judged(NamedTuple):
     """A route with its certificate.
 
@@ -91,50 +105,31 @@ class Found(NamedTuple):
     missed: np.ndarray | None = None
 
 
-def solved(
-    route: Route,
-    given: Parts,
-    limits: Limits,
-    tube: np.ndarray,
-    problem: RouteProblem,
-    most: int,
-    begins: list[Any],
-    rank: Callable[[Found], Any],
-) -> Found:
-    """Return the tuned route with the lowest rank; `tube` (n + 1, 2) are the half-widths at the joints [m].
+def solved(task: Task, begins: list[Any], rank: Callable[[Found], Any]) -> Found:
+    """Return the tuned route with the lowest rank.
 
     Searches start from each of the variables `begins`; None are those of the given route. If limits contradict each
     other from all of them, they are violated as little as possible.
     """
-    each = [_solved(route, given, limits, tube, problem, most, begin=begin) for begin in begins]
+    each = [_solved(task, begin=begin) for begin in begins]
     if not any(x.proved for x in each):
-        pairs = zip(begins, each, strict=True)
-        each = [_violating(x, route, given, limits, tube, problem, most, begin) for begin, x in pairs]
+        each = [_violating(x, task, begin) for begin, x in zip(begins, each, strict=True)]
     return min(each, key=rank)
 
 
-def _violating(
-    found: Found,
-    route: Route,
-    given: Parts,
-    limits: Limits,
-    tube: np.ndarray,
-    problem: RouteProblem,
-    most: int,
-    begin: np.ndarray | None,
-) -> Found:
+def _violating(found: Found, task: Task, begin: np.ndarray | None) -> Found:
     """Return the result of searches that may violate limits, after a search that `found` no proved route."""
+    problem = task.problem
     if found.exhausted or not problem.names:
         return found
-    relaxed = _solved(route, given, limits, tube, problem, most, PRICES[0], begin=begin)
+    relaxed = _solved(task, PRICES[0], begin=begin)
     steps = found.steps + relaxed.steps
     if relaxed.proved and relaxed.missed is not None:
-        sharper = _solved(route, given, limits, tube, problem, most, PRICES[1], relaxed.at)
+        sharper = _solved(task, PRICES[1], relaxed.at)
         steps += sharper.steps
         relaxed = sharper if sharper.proved else relaxed
     elif relaxed.missed is not None:
-        raised = _raised(relaxed, problem)
-        repeated = _solved(route, given, limits, tube, problem, most, raised=raised)
+        repeated = _solved(task, raised=_raised(relaxed, problem))
         steps += repeated.steps
         if repeated.proved:
             open_ = unproved(repeated.judged, problem.names, problem.moving > 0)
@@ -162,18 +157,13 @@ def _ratios(judged: Judged, problem: RouteProblem) -> np.ndarray:
     return np.concatenate([np.nan_to_num(found, nan=1.0), np.ones((2, found.shape[1]))])
 
 
-def feasible(route: Route, given: Parts, limits: Limits, tube: np.ndarray, problem: RouteProblem, most: int) -> bool:
+def feasible(task: Task) -> bool:
     """Return whether a search finds a route that satisfies every limit."""
-    return _solved(route, given, limits, tube, problem, most).proved
+    return _solved(task).proved
 
 
 def _solved(
-    route: Route,
-    given: Parts,
-    limits: Limits,
-    tube: np.ndarray,
-    problem: RouteProblem,
-    most: int,
+    task: Task,
     price: float | None = None,
     start: Iterate | None = None,
     raised: np.ndarray | None = None,
@@ -183,6 +173,7 @@ def _solved(
 
     `raised` (limits + 2, n) are factors on the squared limits; those above 1 need not be proved.
     """
+    problem, limits, most = task.problem, task.limits, task.most
     names, moving = problem.names, problem.moving > 0
     factor = np.ones((len(names) + 2, len(moving))) if raised is None else raised
     program, missed = RouteProgram(problem, price), factor > 1
@@ -207,7 +198,7 @@ def _solved(
         if k:
             state = _again(program, state, rules, mu)
         state = nonconvex.solve(program, state, rules, most)
-        judged = judge(route, given, limits, tube, problem, state.at.z)
+        judged = judge(task.route, task.given, limits, task.tube, problem, state.at.z)
         missed |= _violated(program, state.at) & moving
         unproved_ = unproved(judged, names, moving)
         if limits.varying or limits.along_road:  # the search imposes stricter limits than the given ones
@@ -220,16 +211,17 @@ def _solved(
         if found.proved or k == ROUNDS or given_up:
             return found
         above = _ratios(judged, problem)
-        above[-2:] = np.nan_to_num((judged.distances / tube[:-1]).T, nan=1.0)
+        above[-2:] = np.nan_to_num((judged.distances / task.tube[:-1]).T, nan=1.0)
         above = np.clip(above, 1.0, 1.02)
         mu = float(np.clip(np.max(np.where(open_, above - 1, 0.0)), *AGAIN))
         factor = factor * np.where(open_, above, 1.0) ** -2
         if problem.local is not None:  # the distances have changed with the route
-            own = along.local_squares(judged.route, limits, given.curves, problem.seam is not None, len(problem.clear))
+            curves = task.given.curves
+            own = along.local_squares(judged.route, limits, curves, problem.seam is not None, len(problem.clear))
             problem = problem._replace(local=along.stricter(problem, own))
             program = RouteProgram(problem, price)
         if limits.along_road:
-            road = roads.at_fine_nodes(judged.route, limits, given)
+            road = roads.at_fine_nodes(judged.route, limits, task.given)
             problem = problem._replace(road=roads.stricter(problem.road, road))
             program = RouteProgram(problem, price)
         k += 1

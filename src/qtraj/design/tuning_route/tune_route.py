@@ -230,7 +230,7 @@ def _solution(
     if moving.any() and not undefined and not fits:
         begins = [*(around.starts(problem, own) if own else [None]), *many.begins(problem)]
         order = partial(rank, objective=objective)
-        found = rounds.solved(route, given, limits, widths, problem, max_steps, begins, order)
+        found = rounds.solved(rounds.Task(route, given, limits, widths, problem, max_steps), begins, order)
     advice = ""
     if found.missed is not None and found.proved and limits.varying:
         advice = "Widen the tube, or relax the limits where they are violated."
@@ -251,7 +251,7 @@ def _solution(
             if change.objective == "nearest":
                 changed = changed._replace(target=problem.target)
             raised = limits_of(change.limits, limits.vehicle, keep_out=limits.keep_out, body=limits.body)
-            return rounds.feasible(route, given, raised, widths, changed, max_steps)
+            return rounds.feasible(rounds.Task(route, given, raised, widths, changed, max_steps))
 
         values = dict(zip(names[: len(bounds)], bounds.tolist(), strict=True))
         advice = remedy(values, found, objective, bool(held[[0, -1]].any()), solves)
