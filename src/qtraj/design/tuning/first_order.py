@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from qtraj.design.tuning.problem import broadcasting
-from qtraj.design.tuning.search import AbstractSearch, Callback, Ends
+from qtraj.design.tuning.search import AbstractSearch, Callback, Ends, Penalty
 from qtraj.design.tuning.searches import Searches
 from qtraj.design.tuning.sqp import SequentialQuadratic
 from qtraj.design.tuning.task import Task, constraint_values
@@ -65,7 +65,7 @@ class FirstOrder(AbstractSearch):
         searches: Searches,
         z: Float[np.ndarray, "n batch"],
         callback: Callback | None = None,
-        satisfying: bool = False,
+        penalty: Penalty = Penalty.USUAL,
     ) -> Ends:
         """Return the final points of a batch of searches, each from its own `z`."""
         task = Task(searches.problem, searches.limits, searches.low.T, searches.high.T)

@@ -16,7 +16,7 @@ from qtraj.design.tuning.model import build
 from qtraj.design.tuning.motions.motion import COMPONENTS
 from qtraj.design.tuning.peaks import find_peaks
 from qtraj.design.tuning.problem import DURATION
-from qtraj.design.tuning.search import TIE, AbstractSearch, Ends, SearchResult
+from qtraj.design.tuning.search import TIE, AbstractSearch, Ends, Penalty, SearchResult
 from qtraj.design.tuning.searches import Curves, Searches
 from qtraj.design.tuning.sqp import FEASIBLE, SequentialQuadratic
 from qtraj.design.tuning.subproblem import compute_step
@@ -174,12 +174,26 @@ def _rescued(
         found = found._replace(cost=rescaling.values(many.problem, found.z))
     index = np.flatnonzero(feasible)
     if index.size:
-        final = _search(method, many.take(index), found.z[:, index], report, "searches", True)
-        final = final._replace(steps=found.steps[index] + final.steps)
-        met = final.largest <= FEASIBLE
-        found.put(index[met], final.take(met))
+        met = _continued(method, many, found, index, report, Penalty.LARGE)
+        none = np.isin(index // each, index[met] // each, invert=True)  # problems without a result
+        if none.any():
+            _continued(method, many, found, index[none], report, Penalty.FIXED)
     best = found.take(_best(found, count))
     return best._replace(steps=ends.steps + best.steps)
+
+
+def _continued(
+    method: AbstractSearch, many: Searches, found: Ends, index: np.ndarray, report: Report | None, penalty: Penalty
+) -> np.ndarray:
+    """Minimise the objective from feasible paths; replace those from which the search ends at another feasible path.
+
+    Return which ones are replaced.
+    """
+    final = _search(method, many.take(index), found.z[:, index], report, "searches", penalty)
+    final = final._replace(steps=found.steps[index] + final.steps)
+    met = final.largest <= FEASIBLE
+    found.put(index[met], final.take(met))
+    return met
 
 
 def _refined(method: AbstractSearch, searches: Searches, ends: Ends, points: np.ndarray, report: Report | None) -> Ends:
@@ -215,7 +229,7 @@ def _search(
     z: np.ndarray,
     report: Report | None,
     what: str,
-    satisfying: bool = False,
+    penalty: Penalty = Penalty.USUAL,
 ) -> Ends:
     """Run searches, and report their progress."""
 
@@ -224,7 +238,7 @@ def _search(
             report(Progress(what, done, searches.count))
 
     if searches.problem.objective.is_formula:
-        return method.search(searches, z, callback, satisfying)
+        return method.search(searches, z, callback, penalty)
     return rescaling.run(
-        lambda few, points: method.search(few, points, callback, satisfying), searches, z, method.total_steps
+        lambda few, points: method.search(few, points, callback, penalty), searches, z, method.total_steps
     )

@@ -1,6 +1,7 @@
 """The abstract search method, which solves a batch of tuning problems, and the results of searches."""
 
 import abc
+import enum
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -12,6 +13,18 @@ from qtraj.design.tuning.searches import Searches
 
 Callback = Callable[[int], None]
 """A function that is called with the number of finished searches."""
+
+
+class Penalty(enum.Enum):
+    """The penalty of violations in a search.
+
+    A `LARGE` one, for starts that satisfy the limits, keeps most searches near the feasible paths. With a `FIXED` one,
+    which is as large at first and never lowered, none leaves them, but steps along a curved constraint are short.
+    """
+
+    USUAL = enum.auto()
+    LARGE = enum.auto()
+    FIXED = enum.auto()
 
 
 TIE = 1e-9
@@ -88,9 +101,6 @@ class AbstractSearch(eqx.Module):
         searches: Searches,
         z: Float[np.ndarray, "n batch"],
         callback: Callback | None = None,
-        satisfying: bool = False,
+        penalty: Penalty = Penalty.USUAL,
     ) -> Ends:
-        """Return the final points of a batch of searches, each from its own `z`.
-
-        `satisfying` is true if all starts satisfy the limits.
-        """
+        """Return the final points of a batch of searches, each from its own `z`."""

@@ -19,7 +19,7 @@ from jaxtyping import Float
 from qtraj.design.tuning.constraints import ABSENT
 from qtraj.design.tuning.model import Model, build, costs, replaced, side_by_side
 from qtraj.design.tuning.peaks import Peaks, find_peaks, joined, peaks_of, renumbered, without
-from qtraj.design.tuning.search import AbstractSearch, Callback, Ends
+from qtraj.design.tuning.search import AbstractSearch, Callback, Ends, Penalty
 from qtraj.design.tuning.searches import Curves, Searches
 from qtraj.design.tuning.sqp_state import State
 from qtraj.design.tuning.subproblem import PENALISED, Step, compute_step, corresponding, transferred
@@ -29,9 +29,8 @@ GROWTH, SHRINKAGE = 2.5, 0.3  # next trust radius divided by the size of a good 
 MIN_RATIO, GOOD_RATIO = 0.1, 0.7  # minimum actual/predicted decrease to accept a step, and to increase the radius
 INITIAL_PENALTY, PENALTY_GROWTH, MAX_PENALTY = 2.0, 5.0, 1e5
 FLOOR_GROWTH = 25.0  # of the lower limit of the penalty
-SATISFYING_PENALTY = 10.0
-"""For searches that start from feasible paths, the lower limit of the penalty, and the initial penalty divided by
-1 + |cost|."""
+LARGE_PENALTY = 10.0
+"""The lower limit of a `LARGE` penalty, and its initial value divided by 1 + |cost|."""
 
 PENALTY_MARGIN = 3.0  # penalty divided by the sum of the multipliers, if the limits are satisfied
 
@@ -78,15 +77,10 @@ class SequentialQuadratic(AbstractSearch):
         searches: Searches,
         z: Float[np.ndarray, "n batch"],
         callback: Callback | None = None,
-        satisfying: bool = False,
+        penalty: Penalty = Penalty.USUAL,
     ) -> Ends:
         """Return the final points of a batch of searches, each from its own `z`."""
-        end = run(searches, z, self.max_steps, callback, satisfying)
-        lost = np.flatnonzero(~(end.largest <= FEASIBLE)) if satisfying else np.zeros(0, int)
-        if lost.size:
-            before = end.steps[lost]
-            end.put(lost, run(searches.take(lost), z[:, lost], self.max_steps, callback, satisfying, kept=True))
-            end.steps[lost] += before
+        end = run(searches, z, self.max_steps, callback, penalty)
         return Ends(end.z, end.cost, end.largest, end.stationary, end.steps, np.ones(searches.count))
 
 
@@ -112,22 +106,17 @@ def run(
     z: Float[np.ndarray, "n batch"],
     max_steps: int,
     callback: Callback | None = None,
-    satisfying: bool = False,
-    kept: bool = False,
+    penalty: Penalty = Penalty.USUAL,
 ) -> State:
     """Return the final states of a batch of searches, each from its own `z`.
 
-    `callback` is called with the number of finished searches. If the starts are `satisfying` the limits, the penalty is
-    so large that most searches do not leave the feasible paths. If it is `kept`, none does, but steps along a curved
-    constraint are short.
+    `callback` is called with the number of finished searches.
     """
     with np.errstate(all="ignore"):
-        return _run(searches, np.clip(z, searches.low, searches.high), max_steps, callback, satisfying, kept)
+        return _run(searches, np.clip(z, searches.low, searches.high), max_steps, callback, penalty)
 
 
-def _run(
-    searches: Searches, z: np.ndarray, max_steps: int, callback: Callback | None, satisfying: bool, kept: bool
-) -> State:
+def _run(searches: Searches, z: np.ndarray, max_steps: int, callback: Callback | None, penalty: Penalty) -> State:
     count, entered = searches.count, 0
     final = _first(searches, z, np.zeros(count), np.zeros(count))
     index, active, state, model, multipliers = np.arange(0), searches, final, None, np.zeros((0, 0))
@@ -135,7 +124,7 @@ def _run(
         if index.size <= BLOCK // 2 and entered < count:
             new = np.arange(entered, min(entered + BLOCK - index.size, count))
             entered += new.size
-            own_state, own_model = _entered(searches.take(new), z[:, new], satisfying, kept)
+            own_state, own_model = _entered(searches.take(new), z[:, new], penalty)
             if model is not None and index.size:
                 state = State(*(np.concatenate(x, axis=-1) for x in zip(state.fields, own_state.fields, strict=True)))
                 empty = np.zeros(own_model.value.shape)
@@ -157,13 +146,13 @@ def _run(
         active, state, model, multipliers = active.take(on), state.take(on), model.take(on), multipliers[:, on]
 
 
-def _entered(searches: Searches, z: np.ndarray, satisfying: bool, kept: bool) -> tuple[State, Model]:
+def _entered(searches: Searches, z: np.ndarray, penalty: Penalty) -> tuple[State, Model]:
     """Return the states and the models of new searches."""
     peaks, largest = find_peaks(searches, Curves(searches, z))
     state = _first(searches, z, costs(searches, z), largest)
-    if satisfying:
-        state.penalty = SATISFYING_PENALTY * (1 + np.abs(state.cost))
-        state.floor = state.penalty if kept else np.full(searches.count, SATISFYING_PENALTY)
+    if penalty is not Penalty.USUAL:
+        state.penalty = LARGE_PENALTY * (1 + np.abs(state.cost))
+        state.floor = np.full(searches.count, LARGE_PENALTY) if penalty is Penalty.LARGE else state.penalty
     return state, build(searches, z, peaks)
 
 
