@@ -58,6 +58,10 @@ BALANCED = 1e-3
 """Small steps end a search only if the gradient of the Lagrangian, relative to the penalty, is below this value: where
 a narrow peak has an enormous second derivative, a step is small although the point is not stationary."""
 
+PROGRESS, LEAST_PROGRESS, PATIENCE = 1e-4, 0.01, 60
+"""A search without progress in the last number of steps ends without convergence. Progress is a step of at least the
+first size or, while limits are violated, a decrease of the largest constraint value by at least the second part."""
+
 STATIONARY = 1e-6
 """Tolerance on the same gradient, if the predicted decrease is within the rounding error."""
 
@@ -169,6 +173,8 @@ def _first(searches: Searches, z: np.ndarray, cost: np.ndarray, largest: np.ndar
         rejected=no.copy(),
         floor=np.where(searches.weight > 0, INITIAL_PENALTY, 1.0),
         lowered=no.copy(),
+        least=np.full(count, np.inf),
+        stalled=np.zeros(count, int),
         steps=np.zeros(count, int),
         done=no.copy(),
         stationary=no.copy(),
@@ -251,9 +257,16 @@ def _next(searches: Searches, s: State, trial: _Trial) -> State:
     hopeless = (searches.weight == 0) | (s.penalty >= MAX_PENALTY)
     stationary = ends & ((largest <= FEASIBLE) | hopeless)
     enough = (searches.weight == 0) & (largest <= ENOUGH)
-    done = stationary | enough | ~(radius >= MIN_RADIUS)  # NaN also ends the search
     size = np.where(accepted, size, s.size)
-    return State(z, cost, largest, radius, penalty, size, ~accepted, floor, lowered, s.steps + 1, done, stationary)
+    met = largest <= FEASIBLE
+    progress = np.where(met, size >= PROGRESS, largest < (1 - LEAST_PROGRESS) * s.least)
+    stalled = np.where(progress, 0, s.stalled + 1)
+    least = np.where(met, np.inf, np.minimum(s.least, largest))
+    done = stationary | enough | (stalled >= PATIENCE) | ~(radius >= MIN_RADIUS)  # NaN also ends the search
+    steps = s.steps + 1
+    return State(
+        z, cost, largest, radius, penalty, size, ~accepted, floor, lowered, least, stalled, steps, done, stationary
+    )
 
 
 def _penalty(

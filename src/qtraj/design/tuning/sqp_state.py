@@ -19,6 +19,8 @@ class State:
     rejected: Bool[np.ndarray, " batch"]  # the last step was rejected
     floor: Float[np.ndarray, " batch"]  # the penalty must not be lowered below this value
     lowered: Bool[np.ndarray, " batch"]  # the penalty was lowered more recently than raised
+    least: Float[np.ndarray, " batch"]  # the lowest `largest` since the limits were last satisfied
+    stalled: Int[np.ndarray, " batch"]  # number of steps without progress
     steps: Int[np.ndarray, " batch"]
     done: Bool[np.ndarray, " batch"]
     stationary: Bool[np.ndarray, " batch"]  # done at a stationary point
