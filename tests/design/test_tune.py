@@ -225,7 +225,7 @@ def test_progress_is_reported():
 def test_progress_of_a_batch_is_reported_a_few_times_a_second():
     reports = []
     started = time.monotonic()
-    qt.tune(*stacked(40), starts=4, progress=reports.append)
+    qt.tune(*stacked(12), starts=4, progress=reports.append)
     assert 1 <= len(reports) <= 2 + (time.monotonic() - started) / 0.25
 
 
