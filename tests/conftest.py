@@ -63,6 +63,13 @@ except ModuleNotFoundError:  # platformdirs
 compiled = cache / f"jax-{jax.__version__}-{hashlib.sha256(key.encode()).hexdigest()[:12]}"
 enable_compilation_cache(compiled)
 
+CACHED = {
+    "JAX_COMPILATION_CACHE_DIR": str(compiled),
+    "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
+    "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
+}
+"""Variables of the environment with which a process of a test loads compiled code, too."""
+
 if "PYTEST_XDIST_WORKER" not in os.environ:
     os.utime(compiled)
     for folder in compiled.parent.iterdir():
@@ -122,6 +129,12 @@ def compiled():
     jax.monitoring.register_event_duration_secs_listener(listen)
     yield events
     jax.monitoring.unregister_event_duration_listener(listen)
+
+
+@pytest.fixture(scope="session")
+def cached_code():
+    """The environment of a process that loads the code that earlier runs compiled."""
+    return os.environ | CACHED
 
 
 @pytest.fixture(scope="module")
