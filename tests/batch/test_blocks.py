@@ -1,7 +1,6 @@
 """Blocks, traces, reductions, reused tables and several devices agree with evaluation at single instants."""
 
 import functools
-import os
 import subprocess
 import sys
 
