@@ -31,7 +31,7 @@ PROBLEMS = {
 def solved(request):
     """A problem and its result."""
     limits, spread, options = PROBLEMS[request.param]
-    return limits, spread, qt.robust_tune(START, END, limits, spread, samples=4096, **options)
+    return limits, spread, qt.robust_tune(START, END, limits, spread, **options)
 
 
 def test_the_share_holds_in_independent_samples(solved):
