@@ -1,4 +1,6 @@
-"""Lower many functions in one MLIR context: to create one takes as long as all other work for a small function."""
+"""Lower many functions in one MLIR context: creating one takes as long as all other work for a small function."""
+
+import threading
 
 from jax._src.interpreters import mlir
 
@@ -6,17 +8,17 @@ REUSED = 256
 """Number of functions that are lowered in a context; its types and constants are freed with the context."""
 
 
-class Contexts:
-    """Makes contexts by JAX's own function, and returns each of them several times."""
+class Contexts(threading.local):
+    """Makes contexts by JAX's own function, and returns each of them several times, to one thread only."""
 
     def __init__(self, make):
-        self._make, self._context, self._count = make, None, 0
+        self.make, self.context, self.count = make, None, 0
 
     def __call__(self):
-        if self._context is None or self._count >= REUSED:
-            self._context, self._count = self._make(), 0
-        self._count += 1
-        return self._context
+        if self.context is None or self.count >= REUSED:
+            self.context, self.count = self.make(), 0
+        self.count += 1
+        return self.context
 
 
 def share_contexts() -> None:
