@@ -17,6 +17,7 @@ import pytest
 from benchmarks import bare as bare  # before qtraj, for machines with few packages
 
 from qtraj.foundation.compilation_cache import default_folder, enable_compilation_cache
+from tests.mlir_contexts import share_contexts
 
 CHECKS_TYPES = os.environ.get("QTRAJ_TESTS_CHECK_TYPES", "") not in ("", "0")
 """Whether every shape and type is checked at run time, which doubles the tracing time."""
@@ -40,6 +41,7 @@ os.environ.setdefault("XLA_FLAGS", " ".join(QUICKLY))  # read when the first com
 # As many processes as cores: threads of a process would only wait for each other, and waiting threads of OpenBLAS spin.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for the workers, which import NumPy after this
 
+share_contexts()
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
@@ -62,6 +64,13 @@ except ModuleNotFoundError:  # platformdirs
     cache = Path(tempfile.gettempdir()) / "qtraj-tests"
 compiled = cache / f"jax-{jax.__version__}-{hashlib.sha256(key.encode()).hexdigest()[:12]}"
 enable_compilation_cache(compiled)
+
+CACHED = {
+    "JAX_COMPILATION_CACHE_DIR": str(compiled),
+    "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
+    "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
+}
+"""Variables of the environment with which a process of a test loads compiled code, too."""
 
 if "PYTEST_XDIST_WORKER" not in os.environ:
     os.utime(compiled)
@@ -122,6 +131,12 @@ def compiled():
     jax.monitoring.register_event_duration_secs_listener(listen)
     yield events
     jax.monitoring.unregister_event_duration_listener(listen)
+
+
+@pytest.fixture(scope="session")
+def cached_code():
+    """The environment of a process that loads the code that earlier runs compiled."""
+    return os.environ | CACHED
 
 
 @pytest.fixture(scope="module")

@@ -148,13 +148,15 @@ class TestEveryFunction:
         arguments, directions = drawn(sizes, (5,)), drawn(sizes, (5,), seed=6)
 
         def total(*x):
-            parts = [jnp.ravel(y) for y in jax.tree.leaves(call(*x))]
-            return sum(jnp.sum(y * jnp.cos(jnp.arange(y.size, dtype=float))) for y in parts)
+            result = call(*x)
+            parts = [jnp.ravel(y) for y in jax.tree.leaves(result)]
+            return sum(jnp.sum(y * jnp.cos(jnp.arange(y.size, dtype=float))) for y in parts), result
 
         @jax.jit
         @jax.vmap
         def all_of(x, dx):
-            return call(*x), jax.jvp(total, x, dx)[1], jax.grad(total, argnums=tuple(range(len(x))))(*x)
+            _, forward, values = jax.jvp(total, x, dx, has_aux=True)
+            return values, forward, jax.grad(total, argnums=tuple(range(len(x))), has_aux=True)(*x)[0]
 
         values, forward, gradient = all_of(tuple(map(jnp.asarray, arguments)), tuple(map(jnp.asarray, directions)))
         close(values, call(*arguments), 1e-12)

@@ -1,7 +1,6 @@
 """Blocks, traces, reductions, reused tables and several devices agree with evaluation at single instants."""
 
 import functools
-import os
 import subprocess
 import sys
 
@@ -329,9 +328,9 @@ print("agreed")
 """
 
 
-def test_two_devices_agree_with_one():
+def test_two_devices_agree_with_one(cached_code):
     process = subprocess.run(
-        [sys.executable, "-c", SHARDED], capture_output=True, text=True, env=os.environ, check=False
+        [sys.executable, "-c", SHARDED], capture_output=True, text=True, env=cached_code, check=False
     )
     assert process.stdout.strip() == "agreed", process.stderr[-2000:]
 

@@ -58,7 +58,7 @@ print("agreed")
 """
 
 
-def test_results_are_on_the_device_of_the_arguments():
-    process = subprocess.run([sys.executable, "-c", CODE], capture_output=True, text=True, check=False)
+def test_results_are_on_the_device_of_the_arguments(cached_code):
+    process = subprocess.run([sys.executable, "-c", CODE], env=cached_code, capture_output=True, text=True, check=False)
     assert process.returncode == 0, process.stderr[-2000:]
     assert process.stdout == "agreed\n"

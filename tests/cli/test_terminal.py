@@ -18,6 +18,7 @@ from qtraj.foundation.progress_bar import watching
 EXAMPLES = Path(__file__).parents[2] / "examples"
 RED = "\x1b[31m"
 FULL = "/dev/full"
+TABLE = ["evaluate", EXAMPLES / "helix.toml", "--samples", "2"]
 
 LOST = """
 import gc, signal, sys, time
@@ -42,7 +43,7 @@ def run(*arguments, **streams):
 
 
 @pytest.mark.skipif(not os.path.exists(FULL), reason="this system has no device that is always full")
-@pytest.mark.parametrize("arguments", [["--version"], ["slew"], ["slew", "--json"], ["--help"]])
+@pytest.mark.parametrize("arguments", [["--version"], TABLE, [*TABLE, "--json"], ["--help"]])
 def test_output_that_cannot_be_printed_is_one_message(tmp_path, arguments):
     with open(FULL, "w") as full:
         done = run(*arguments, cwd=tmp_path, stdout=full, stderr=subprocess.PIPE)

@@ -297,7 +297,7 @@ def test_a_scenario_chooses_the_method(method):
 
 
 def test_what_cannot_be_met_is_written_and_explained(qtraj, tmp_path):
-    (tmp_path / "tight.toml").write_text(INFEASIBLE)
+    (tmp_path / "tight.toml").write_text(INFEASIBLE + "[tune]\nstarts = 2\n")
     out = tmp_path / "out"
     result = qtraj("tune", tmp_path / "tight.toml", "--out", out, "--json")
     content = json.loads(result.stdout)

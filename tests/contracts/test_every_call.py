@@ -136,9 +136,11 @@ for name, (call, *whole) in CALLS.items():
 """
 
 
-def test_results_are_on_the_device_of_the_arguments():
-    root = Path(__file__).parents[2]
-    process = subprocess.run([sys.executable, "-c", WHERE], cwd=root, capture_output=True, text=True, check=False)
+def test_results_are_on_the_device_of_the_arguments(cached_code):
+    process = subprocess.run(
+        [sys.executable, "-c", WHERE], cwd=Path(__file__).parents[2], env=cached_code, capture_output=True, text=True,
+        check=False
+    )  # fmt: skip
     assert process.returncode == 0, process.stderr[-2000:]
     assert process.stdout == ""
 

@@ -54,7 +54,7 @@ def test_where_a_step_changes_both_values_hold():
     assert ZONES.strictest(np.array([40.0, 60.0, 60.1]), np.array([40.0, 60.0, 70.0]), 1).tolist() == [5.0, 5.0, 12.0]
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("kind", ["step", "linear"])
 @pytest.mark.parametrize("name", ["speed", "lateral_acceleration", "longitudinal_acceleration", "curvature"])
 def test_certificates_of_routes_agree_with_samples(seed, kind, name):
@@ -153,7 +153,7 @@ def fastest(s, highest, lowest, most):
     return np.sum(2 * ds / (np.sqrt(w[1:]) + np.sqrt(w[:-1])))
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("kind", ["step", "linear"])
 def test_random_zones_are_timed_as_fast_as_by_two_passes(seed, kind):
     rng = np.random.default_rng(seed)

@@ -59,7 +59,7 @@ def test_limits_that_the_timing_was_not_made_for(index, kind):
     path, rng = retimed(index), np.random.default_rng(index)
     for name in ("speed", "acceleration", "lateral_acceleration"):
         along = random_limit(path, name, kind, rng)
-        for factor, status in ((1.01, "proved"), (1.001, "proved"), (0.999, "broken"), (0.99, "broken")):
+        for factor, status in ((1.001, "proved"), (0.999, "broken")):
             limits: Any = {name: along.scaled(factor)}
             found = qt.certify(path, qt.Limits(**limits))
             assert found.status[name] == status

@@ -80,7 +80,7 @@ def test_the_solution_is_differentiable_in_the_corridor():
     def duration(width):
         return qt.tune(START, END, LIMITS, corridor=width).path.duration
 
-    slope = jax.jit(lambda width: jax.jvp(duration, (width,), (1.0,))[1])(1.0)
+    _, slope = jax.jvp(duration, (1.0,), (1.0,))
     h = 1e-4
     assert slope == pytest.approx(float(duration(1.0 + h) - duration(1.0 - h)) / (2 * h), rel=1e-5)
 

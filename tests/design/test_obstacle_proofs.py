@@ -21,7 +21,7 @@ def cases(rng):
     return path, random_obstacle(rng, near, moves), body
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_no_status_contradicts_dense_samples(seed):
     """20 random obstacles: the value is that of dense samples, and the status follows its sign."""
     rng, decided = np.random.default_rng(seed), 0

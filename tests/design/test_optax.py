@@ -161,7 +161,7 @@ def random_problems(count, seed):
 
 
 def test_one_start_finds_the_optimum_of_sqp_or_a_better_one():
-    given = random_problems(24, 5)
+    given = random_problems(12, 5)
     limits = jax.vmap(lambda k: qt.Limits(curvature=k))(jnp.asarray(given.limits))
     results = [qt.tune(given.starts, given.ends, limits, starts=1, method=m) for m in ("sqp", ADAM)]
     ratio = np.asarray(results[1].objective) / np.asarray(results[0].objective)

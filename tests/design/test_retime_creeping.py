@@ -52,7 +52,7 @@ def starting(slowest):
     return route_with([*changes(0.0, 0.5, 0.4), *changes(0.5, slowest, 0.3), *hold, *changes(slowest, 1.0, 0.5)])
 
 
-def positions(route, count=200):
+def positions(route, count=40):
     lengths = np.linspace(0.0, float(route.length()), count)
     return np.array([np.asarray(route.position(route.time_at(s))) for s in lengths])
 

@@ -46,7 +46,7 @@ def test_on_a_circle_the_speed_is_that_of_the_bank_and_the_friction():
     radius, bank, friction = 50.0, 0.2, 0.5
     path = qt.SpiralHelix([radius], [0.0, 10.0 / radius], [0.0], 20.0)
     road = qt.Road([0.0, 100.0, 200.0], bank=[0.0, bank, bank], friction=friction, kind="step")
-    found = qt.retime(path, qt.Limits(friction=1.0, acceleration=30.0, vehicle=qt.Vehicle(1.0, road=road)))
+    found = qt.retime(path, qt.Limits(friction=1.0, acceleration=30.0, vehicle=qt.Vehicle(1.0, road=road)), knots=256)
     assert found.certificate.holds
     speed = qt.speed_profile(found)
     at = np.asarray(speed.distance)

@@ -225,7 +225,7 @@ def test_progress_is_reported():
 def test_progress_of_a_batch_is_reported_a_few_times_a_second():
     reports = []
     started = time.monotonic()
-    qt.tune(*stacked(40), starts=4, progress=reports.append)
+    qt.tune(*stacked(12), starts=4, progress=reports.append)
     assert 1 <= len(reports) <= 2 + (time.monotonic() - started) / 0.25
 
 
@@ -484,7 +484,8 @@ def test_advice_on_an_element_is_computed_on_request():
     assert re.sub(r"[\d.]+", "", many.result[1]) == re.sub(r"[\d.]+", "", one.result)
     assert jax.tree.map(lambda x: x[::-1], many).result[0] == many.result[1]
     # Batches can be joined, but only the elements of the first keep their advice.
-    values = jax.tree.map(lambda *x: jnp.concatenate(x), many, qt.tune(starts, ends, limits, starts=1))
+    others = qt.tune(starts, ends, limits, starts=1, max_steps=2)
+    values = jax.tree.map(lambda *x: jnp.concatenate(x), many, others)
     assert values.result[1] == many.result[1]
     assert "tune this problem alone" in values.result[3]
 
@@ -594,7 +595,7 @@ def test_a_slow_path_is_found_where_only_slow_paths_satisfy_the_limits():
         [-6.473727320390239, 1.1493243161483648, 0.1694074595445203],
     )
     limits = qt.Limits(slope=0.023696277674519324, curvature=0.057509988890773314, speed=5.824460926884738)
-    found = qt.tune(start, end, limits)
+    found = qt.tune(start, end, limits, starts=2)
     assert found.converged, found.result
     assert set(found.certificate.status.values()) == {"proved"}
     assert "duration reached the default bounds" in found.result

@@ -10,7 +10,7 @@ from tests.design.test_tune_route import drive
 import qtraj as qt
 from qtraj.foundation.outcome import ResultCode
 
-TIMES = np.arange(0.0, 62.0, 2.0)
+TIMES = np.arange(0.0, 36.0, 2.0)
 WAVES = qt.Route.from_piecewise(CubicSpline(TIMES, np.stack([8 * TIMES, 30 * np.sin(TIMES / 9), 0.02 * TIMES], axis=1)))
 LIFT = qt.Route.from_piecewise(CubicSpline(TIMES[:6], np.outer(TIMES[:6], [0.0, 0.0, 2.0])))
 

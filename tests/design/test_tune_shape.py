@@ -74,7 +74,7 @@ def test_race_track_is_closed_at_the_seam(race):
 def test_circle_is_driven_along_its_inner_edge(right, left):
     """At almost constant speed √(a·r), the lap takes 2π√(r/a), so the inner edge, to the left, is the fastest."""
     radius, lateral, margin = 60.0, 9.0, 0.5
-    shape = circle(radius, right, left)
+    shape = circle(radius, right, left, 40)
     limits = qt.Limits(lateral_acceleration=lateral, longitudinal_acceleration=0.02)
     best = qt.tune_route(shape, limits, tube=shape.widths - margin)
     assert best.converged, best.result
@@ -84,13 +84,13 @@ def test_circle_is_driven_along_its_inner_edge(right, left):
     assert distance.min() > inner - 1e-3
 
 
-@pytest.mark.parametrize("tube", [2.0, (2.0, 0.1), np.full(73, 2.0), np.full((73, 2), 2.0)])
-def test_tubes_of_equal_width_are_the_same(tube):
-    shape, limits = circle(), qt.Limits(lateral_acceleration=9.0, longitudinal_acceleration=2.0)
-    found = qt.tune_route(shape, limits, tube=tube)
+def test_tubes_of_equal_width_are_the_same():
+    shape, limits = circle(count=40), qt.Limits(lateral_acceleration=9.0, longitudinal_acceleration=2.0)
     known = qt.tune_route(shape, limits, tube=(2.0, 0.05))
-    assert found.converged
-    assert float(found.path.duration) == pytest.approx(float(known.path.duration), rel=1e-4)
+    for tube in (2.0, (2.0, 0.1), np.full(41, 2.0), np.full((41, 2), 2.0)):
+        found = qt.tune_route(shape, limits, tube=tube)
+        assert found.converged
+        assert float(found.path.duration) == pytest.approx(float(known.path.duration), rel=1e-4)
 
 
 def test_open_shape_keeps_its_ends():

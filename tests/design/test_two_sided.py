@@ -127,15 +127,15 @@ def test_both_sides_are_decided_next_to_the_extremes(path, name):
 
 
 def test_random_bounds_agree_with_dense_samples():
-    """No proof is contradicted: 200 random pairs on 40 random spiral-helices."""
+    """No proof is contradicted: a pair on each quantity, on random spiral-helices."""
     rng, of_heights = np.random.default_rng(11), np.random.default_rng(12)
-    checked = {"proved": 0, "broken": 0}
-    for _ in range(40):
+    checked, count = {"proved": 0, "broken": 0}, 12
+    for _ in range(count):
         radius, angle, height = (rng.normal(size=4) * [1.0, 0.4, 0.1, 0.02] for _ in range(3))
         radius[0] += 12.0
         angle[1] += 0.5
         path = qt.SpiralHelix(radius, angle, height, 3.0)
-        times = np.linspace(0.0, 3.0, 20_001)
+        times = np.linspace(0.0, 3.0, 4001)
         pairs, holds = {}, {}
         for name, values in of_each(path, SIGNED, times).items():
             low, high = np.quantile(
@@ -151,7 +151,7 @@ def test_random_bounds_agree_with_dense_samples():
                 continue
             assert status == ("proved" if holds[side] else "broken"), (side, found)
             checked[status] += 1
-    assert min(checked.values()) > 80
+    assert min(checked.values()) > 2 * count
 
 
 def test_a_bound_at_the_exact_extreme_is_decided():
@@ -238,7 +238,7 @@ def test_pairs_on_the_yaw_acceleration_let_the_acceleration_jump_where_the_path_
 def test_the_duration_has_derivatives_with_respect_to_both_sides():
     def duration(sides):
         limits = qt.Limits(speed=8.0, longitudinal_acceleration=(-sides[0], sides[1]))
-        return qt.retime(HELIX, limits, start_speed=0, end_speed=0, knots=256).duration
+        return qt.retime(HELIX, limits, start_speed=0, end_speed=0, knots=128).duration
 
     at, step = jnp.array([3.0, 1.5]), 1e-3
     slopes = [(duration(at + d) - duration(at - d)) / (2 * step) for d in step * np.eye(2)]
@@ -328,7 +328,7 @@ def test_the_objective_has_derivatives_with_respect_to_a_lower_bound():
 
 
 def test_advice_lowers_a_lower_bound():
-    found = qt.tune(START, END, qt.Limits(slope=(0.1, None)), motion="hermite", starts=2)
+    found = qt.tune(START, END, qt.Limits(slope=(0.1, None)), motion="hermite", starts=1)
     assert found.status == "infeasible"
     assert "the largest minimum found is" in found.result
     assert re.search(r"lower slope_min to 0\.05\d+", found.result)
@@ -432,7 +432,7 @@ def test_a_pair_bounds_the_speed_as_a_number_does():
 
 
 def test_upper_bounds_on_the_power_may_be_negative():
-    found = qt.tune(START, END, qt.Limits(power=(-5000.0, -100.0), vehicle=CAR), motion="hermite", starts=2)
+    found = qt.tune(START, END, qt.Limits(power=(-5000.0, -100.0), vehicle=CAR), motion="hermite", starts=1)
     assert found.converged, found.result
     assert list(found.certificate.names) == ["power_min", "power_max"]
 

@@ -198,7 +198,7 @@ def test_the_errors_of_many_fitted_turns_have_these_sigmas():
     table = qt.evaluate(turn, t, ("position", "velocity"))
     p, v = np.asarray(table.position), np.asarray(table.velocity)
     right = qt.evaluate(turn, at, ("position", "yaw_rate", "curvature"))
-    for seed in range(16):
+    for seed in range(10):
         rng = np.random.default_rng(seed)
         track = qt.Track(t, p + rng.normal(0, 0.05, p.shape), v + rng.normal(0, 0.1, v.shape))
         found = qt.uncertainty(

@@ -1,5 +1,7 @@
 """Rates and accelerations in inertial axes ((1.6), (3.14)): against finite differences of λ, and one way for all."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -26,6 +28,10 @@ def placed():
     return qt.SpiralHelix([8.0, 0.3], [0.4, 0.5], [1.0, 0.4, -0.2], 2.5, qt.Placement([1.0, 2.0, 3.0], tilt))
 
 
+PROGRAMS = ("turn", "natural", "upright", "minimizing", "three axes", "table")
+
+
+@functools.cache
 def programs():
     start, end = jnp.asarray([0.9, 0.1, -0.3, 0.2]), jnp.asarray([0.2, 0.8, 0.4, -0.5])
     table = qt.rotation.continuous(jax.vmap(lambda t: ThreeAxis()(t).quaternion)(jnp.linspace(0.0, 2.5, 9)))
@@ -50,7 +56,7 @@ def differences(program, t):
     return first, second
 
 
-@pytest.mark.parametrize("name", programs())
+@pytest.mark.parametrize("name", PROGRAMS)
 def test_programs_in_inertial_axes_are_the_differences_of_their_quaternion(name):
     program = programs()[name]
     for t in INSTANTS:

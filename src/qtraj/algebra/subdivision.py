@@ -3,8 +3,8 @@
 A polynomial lies between its smallest and its largest Bernstein coefficient, and its first and last coefficients are
 its values at the ends. An interval that these facts do not decide is divided in half (de Casteljau). The coefficients
 are integers. They are first cut off after `PRECISION` bits, with a bound on the error, because long integers are slow;
-what remains undecided is decided without cutting off. Then only a contact, where the function touches zero, can remain
-undecided.
+what remains undecided is decided without cutting off, as soon as the errors hide all signs on an interval. Then only a
+contact, where the function touches zero, can remain undecided.
 """
 
 from __future__ import annotations
@@ -70,6 +70,8 @@ def _subdivided(claim: AnyClaim, forms: list[Form], halved: Halving, strict: boo
             value = claim.sign([_of_number(b[end], e) for b, e in forms])
             if value.le if strict else value.lt:
                 return Decision(False, True, math.ldexp(place - end, -depth))
+        if all(e > max(max(b), -min(b)) for b, e in forms):
+            return Decision(False, False, math.ldexp(place, -depth))  # so they do on all parts of the interval
         work += sum(len(b) ** 2 for b, _ in forms)
         if depth >= MAX_DEPTH or work > max_work:
             undecided = math.ldexp(place, -depth) if undecided is None else undecided

@@ -2,14 +2,20 @@
 
 import re
 from collections.abc import Sequence
+from functools import lru_cache
 
 from qtraj.io.track.column_units import NOT_SUFFIXES, SPELLINGS, Unit, unit_of
 from qtraj.io.track.known_names import COMMON, FLAT, GLOBAL, IMPLIED, MORE, PREFIXES
 
 _BRACKET = re.compile(r"[\[(]\s*([^\])]*?)\s*[\])]")
 _SEPARATOR = re.compile(r"[\s_./\-\[\]]+")
+_UNIT_IN_BRACKETS = re.compile(r"\s*[\[(](?!\d+[\])]).*$")
+
+_remembered = lru_cache(maxsize=1024)
+"""A few hundred choices of names are looked for in each header and in the first lines of a file."""
 
 
+@_remembered
 def squeezed(name: str) -> str:
     """Return a name in lower case, without the unit in brackets and without separators."""
     return _SEPARATOR.sub("", _base(name).lower())
@@ -79,12 +85,13 @@ def names_columns(header: Sequence[str]) -> bool:
 
 def _base(name: str) -> str:
     """Return a name without its unit in brackets; a number in brackets is an index and stays."""
-    return re.sub(r"\s*[\[(](?!\d+[\])]).*$", "", name).strip()
+    return _UNIT_IN_BRACKETS.sub("", name).strip()
 
 
-def _words(name: str) -> tuple[list[str], int]:
+@_remembered
+def _words(name: str) -> tuple[tuple[str, ...], int]:
     """Return the words of a name, and the number of words at its end that are a unit."""
-    words = [word for word in _SEPARATOR.split(_base(name).lower()) if word]
+    words = tuple(word for word in _SEPARATOR.split(_base(name).lower()) if word)
     for count in range(min(2, len(words) - 1), 0, -1):
         if _suffix("_".join(words[-count:])):
             return words, count
@@ -111,9 +118,10 @@ def _with_unit(name: str) -> str:
     return "".join(words[len(_prefix(name)) :])
 
 
+@_remembered
 def _prefix(name: str) -> tuple[str, ...]:
     """Return the words at the start of a name that do not change its meaning."""
     words, count = _words(name)
     rest = words[: len(words) - count]
     length = next((k for k, word in enumerate(rest[:-1]) if word not in PREFIXES), max(len(rest) - 1, 0))
-    return tuple(rest[:length])
+    return rest[:length]
