@@ -17,7 +17,6 @@ import pytest
 from benchmarks import bare as bare  # before qtraj, for machines with few packages
 
 from qtraj.foundation.compilation_cache import default_folder, enable_compilation_cache
-from tests.mlir_contexts import share_contexts
 
 CHECKS_TYPES = os.environ.get("QTRAJ_TESTS_CHECK_TYPES", "") not in ("", "0")
 """Whether every shape and type is checked at run time, which doubles the tracing time."""
@@ -41,7 +40,6 @@ os.environ.setdefault("XLA_FLAGS", " ".join(QUICKLY))  # read when the first com
 # As many processes as cores: threads of a process would only wait for each other, and waiting threads of OpenBLAS spin.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for the workers, which import NumPy after this
 
-share_contexts()
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
