@@ -30,8 +30,8 @@ def largest(spans: Sequence[Span], value: Callable[..., Any], side: int = 1, pre
         y = side * value(span.k, x, FLOATS)
         low = min(low, float(y.min()))
         padded = np.concatenate([[-np.inf], y, [-np.inf]])
-        for j in np.flatnonzero((y >= padded[:-2]) & (y >= padded[2:])):
-            tops.append((float(y[j]), span.k, float(x[max(j - 1, 0)]), float(x[min(j + 1, SAMPLES - 1)])))
+        peaks = np.flatnonzero((y >= padded[:-2]) & (y >= padded[2:]))
+        tops += [(float(y[j]), span.k, float(x[max(j - 1, 0)]), float(x[min(j + 1, SAMPLES - 1)])) for j in peaks]
     high = max(top[0] for top in tops)
     if not precise:
         return high

@@ -48,8 +48,10 @@ PER_PATH = 4
 """Number of limits on each path."""
 
 CAR = qt.Vehicle(mass=1200.0, wheelbase=exact_motion.WHEELBASE)
-ON_TIMING = tuple("speed longitudinal_acceleration yaw_rate yaw_acceleration vertical_speed vertical_acceleration".split())
-ON_TIMING += ("curvature_rate", "slope", "horizontal_curvature", "sharpness", "height", "curvature", "steering_angle")
+ON_TIMING = (
+    *("speed", "longitudinal_acceleration", "yaw_rate", "yaw_acceleration", "vertical_speed", "vertical_acceleration"),
+    *("curvature_rate", "slope", "horizontal_curvature", "sharpness", "height", "curvature", "steering_angle"),
+)
 ANYWHERE = tuple(name for name in FORMULAS if name != "torsion")
 """Quantities with two sides that are proved on timings, and those on routes, which have inflections."""
 
@@ -253,7 +255,9 @@ def wrong_statuses(rng: np.random.Generator, case: Case) -> tuple[list[str], Cou
             counts[status] += 1
             false = (status == "proved" and factor < least) or (status == "broken" and factor >= most)
             if false or (expected is not None and status != expected):
-                wrong.append(f"{case.kind} on {case.path.kind}: {side} is {status}, not {expected}: {case.limits(factors)}")
+                wrong.append(
+                    f"{case.kind} on {case.path.kind}: {side} is {status}, not {expected}: {case.limits(factors)}"
+                )
     return wrong, counts
 
 
@@ -264,7 +268,9 @@ def check_limits(seed: int, count: int) -> tuple[list[str], Counter]:
         for case in cases(rng, count):
             bad, statuses = wrong_statuses(rng, case)
             wrong += bad
-            counts += Counter({(case.kind, case.path.kind): 1}) + Counter({("status", x): n for x, n in statuses.items()})
+            counts += Counter({(case.kind, case.path.kind): 1}) + Counter(
+                {("status", x): n for x, n in statuses.items()}
+            )
             print(*bad, sep="\n", end="\n" if bad else "", flush=True)
     return wrong, counts
 
@@ -280,7 +286,9 @@ def main() -> int:
     wrong, counts = check_limits(options.seed, options.limits)
     for (kind, path), n in sorted(counts.items()):
         print(f"{kind}, {path}: {n}")
-    print(f"{options.limits} limits, {len(wrong)} wrong statuses, {time.process_time() - begun:.0f} s of processor time")
+    print(
+        f"{options.limits} limits, {len(wrong)} wrong statuses, {time.process_time() - begun:.0f} s of processor time"
+    )
     begun = time.process_time()
     entered, text = obstacles_against_sampling.check(options.seed, options.obstacles)
     print(f"{text}, {time.process_time() - begun:.0f} s of processor time")
