@@ -35,8 +35,22 @@ FLOATS = Arithmetic(np.sqrt, np.arctan, np.arctan2)
 DIGITS = Arithmetic(mpmath.sqrt, mpmath.atan, mpmath.atan2)
 
 
-def polynomial(c: Any, x: Any, m: int) -> Any:
-    """Return the m-th derivative of a polynomial with ascending coefficients."""
+class Coefficients(NamedTuple):
+    """The ascending coefficients of a polynomial in both arithmetics."""
+
+    floats: list[float]
+    numbers: list[Any]
+
+
+def coefficients(c: Any) -> Coefficients:
+    """Return the coefficients of a polynomial, which are floats."""
+    floats = [float(x) for x in np.asarray(c)]
+    return Coefficients(floats, [mpmath.mpf(x) for x in floats])
+
+
+def polynomial(own: Coefficients, x: Any, m: int) -> Any:
+    """Return the m-th derivative of a polynomial."""
+    c = own.floats if isinstance(x, np.ndarray) else own.numbers
     value = 0 * x
     for k in range(len(c) - 1, m - 1, -1):
         value = value * x + math.perm(k, m) * c[k]
@@ -45,10 +59,10 @@ def polynomial(c: Any, x: Any, m: int) -> Any:
 
 def of_helix(path: Any) -> list[Piece]:
     """Return the piece of a spiral-helix, from the definition of its polynomials."""
-    coefficients = [[float(x) for x in np.asarray(c)] for c in (path.radius, path.angle, path.height)]
+    parts = [coefficients(c) for c in (path.radius, path.angle, path.height)]
 
     def motion(x: Any) -> list[list[Any]]:
-        rho, phi, h = ([polynomial(c, x, m) for m in range(4)] for c in coefficients)
+        rho, phi, h = ([polynomial(c, x, m) for m in range(4)] for c in parts)
         w = 1j * phi[1]
         g = [1, w, 1j * phi[2] + w**2, 1j * phi[3] + 3 * w * 1j * phi[2] + w**3]
         plane = [sum(math.comb(m, k) * rho[m - k] * g[k] for k in range(m + 1)) for m in range(4)]
@@ -59,14 +73,15 @@ def of_helix(path: Any) -> list[Piece]:
 
 def of_route(route: Any) -> list[Piece]:
     """Return the segments of a route."""
-    origin = [float(x) for x in np.asarray(route.origin)]
+    origin = [mpmath.mpf(float(x)) for x in np.asarray(route.origin)]
 
     def piece(c: np.ndarray, length: float) -> Piece:
-        columns = [[float(x) for x in column] for column in c.T]
+        columns = [coefficients(column) for column in c.T]
 
         def motion(x: Any) -> list[list[Any]]:
             rows = [[polynomial(column, x, m) for column in columns] for m in range(4)]
-            return [[o + p for o, p in zip(origin, rows[0], strict=True)], *rows[1:]]
+            start = map(float, origin) if isinstance(x, np.ndarray) else origin
+            return [[o + p for o, p in zip(start, rows[0], strict=True)], *rows[1:]]
 
         return Piece(length, motion, motion)
 
@@ -82,7 +97,7 @@ def of_timing(path: Any, pieces: list[Piece]) -> list[Piece]:
     def cell(k: int) -> Piece:
         own = int(np.searchsorted(starts[1:-1], 0.5 * (knots[k] + knots[k + 1])))
         base, shift, length = pieces[own], float(knots[k] - starts[own]), float(knots[k + 1] - knots[k])
-        c = [float(x) for x in cubics[k]]
+        c = coefficients(cubics[k])
 
         def derivatives(x: Any) -> list[list[Any]]:
             return base.derivatives(shift + x)

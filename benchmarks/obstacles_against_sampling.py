@@ -12,7 +12,7 @@ import numpy as np
 
 import qtraj as qt
 
-from .exact_motion import FLOATS, Piece, of_helix, of_route, polynomial
+from .exact_motion import FLOATS, Piece, coefficients, of_helix, of_route, polynomial
 from .extremes import Span, largest
 from .random_obstacles import distance, random_helix, random_obstacle, random_route
 
@@ -28,7 +28,7 @@ OFFSETS = [(0.0,), (0.0,), (-1.3, 1.3), ((0.8, 0.3, -0.2),)]
 def in_world(helix: Any) -> list[Piece]:
     """Return the piece of a spiral-helix with components in world axes."""
     own = of_helix(helix)[0]
-    azimuth, q, origin = (np.asarray(x).tolist() for x in (helix.angle, *_placement(helix)))
+    azimuth, (q, origin) = coefficients(helix.angle), (np.asarray(x).tolist() for x in _placement(helix))
 
     def motion(x: Any) -> list[list[Any]]:
         phi = polynomial(azimuth, x, 0)
@@ -75,8 +75,8 @@ def exact_distance(obstacle: Any, point: list[Any], t: Any) -> Any:
     if isinstance(obstacle, qt.ConvexPolygon):
         return _from_polygon([_numbers(x) for x in np.asarray(obstacle.vertices)], point[:2])
     centre = obstacle.point if isinstance(obstacle, qt.Cylinder) else obstacle.centre
-    coefficients = np.atleast_2d(np.asarray(centre))
-    away = [p - polynomial(c.tolist(), t, 0) for p, c in zip(point, coefficients.T, strict=True)]
+    track = np.atleast_2d(np.asarray(centre))
+    away = [p - polynomial(coefficients(c), t, 0) for p, c in zip(point, track.T, strict=True)]
     if isinstance(obstacle, qt.Ball):
         return _norm(away) - _numbers(obstacle.radius)
     if isinstance(obstacle, qt.Cylinder):
