@@ -9,9 +9,9 @@ import numpy as np
 from .exact_motion import DIGITS, FLOATS
 
 SAMPLES, ZOOM, STEPS = 1501, 65, 40
-NEAR, REFINED = 1e-4, 3
-"""Local maxima that are lower than the largest one by more than this part of the range are not refined, and at most
-`REFINED` are."""
+NEAR, CLOSE, REFINED = 1e-4, 1e-6, 3
+"""Local maxima of the samples that are lower than the largest one by more than `NEAR` of the range are ignored, and so
+are those that are lower by more than `CLOSE` among denser samples. At most `REFINED` are refined."""
 
 
 class Span(NamedTuple):
@@ -37,7 +37,8 @@ def largest(spans: Sequence[Span], value: Callable[..., Any], side: int = 1, pre
         return high
     near = sorted((top for top in tops if top[0] >= high - NEAR * (high - low)), reverse=True)
     zoomed = sorted((_zoomed(value, side, *top[1:]) for top in near[:50]), reverse=True)
-    return max(_refined(value, side, *top[1:]) for top in zoomed[:REFINED])
+    close = [top for top in zoomed[:REFINED] if top[0] >= zoomed[0][0] - CLOSE * (high - low)]
+    return max(_refined(value, side, *top[1:]) for top in close)
 
 
 def _zoomed(value: Any, side: int, k: int, start: float, end: float) -> tuple[float, int, float, float]:
