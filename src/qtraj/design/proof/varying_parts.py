@@ -18,7 +18,7 @@ from qtraj.path.angle import gap_of_line
 from qtraj.path.distances import Distances
 from qtraj.path.path_quantity import PathQuantity
 
-ACCURATE, HALVINGS, MOST = 1e-7, 12, 2**14
+ACCURATE, HALVINGS, MOST = 1e-7, 8, 2**14
 """Parts of a linear limit are halved, at most `HALVINGS` times, until lines approximate it to this relative accuracy. A
 limit has at most `MOST` parts."""
 
