@@ -146,3 +146,17 @@ def test_steps_where_the_speed_is_largest_are_decided(index):
         most = float(qt.evaluate(path, t, ["speed"]).speed[0])
         along = qt.Along([0.0, border], [most, 2 * speed.max()])
         assert qt.certify(path, qt.Limits(speed=along)).status == {"speed": status}
+
+
+@pytest.mark.parametrize("index", [0, 1])
+def test_a_linear_limit_is_not_broken_where_only_its_lines_are(index):
+    """The lines are stricter by up to 1e-7, so next to the largest value the status may be undecided."""
+    path, rng = retimed(index), np.random.default_rng(index)
+    along, seen = random_limit(path, "speed", "linear", rng), set()
+    _, value, limit = qt.certify(path, qt.Limits(speed=along.scaled(1.001))).worst["speed"]
+    for excess in (-1e-6, 0.0, 1e-10, 1e-9, 1e-8, 1e-5):
+        found = qt.certify(path, qt.Limits(speed=along.scaled(1.001 * value / limit * (1 + excess))))
+        _, own, bound = found.worst["speed"]
+        assert found.status["speed"] != "broken" or own > bound
+        seen.add(found.status["speed"])
+    assert {"proved", "broken"} <= seen

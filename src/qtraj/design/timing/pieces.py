@@ -115,18 +115,21 @@ class _Problem:
         low, high = (_parameters(self._limited, pieces.cell, x) for x in pieces[1:])
         grid, place = pieces.of(self._limited.cells.grid), np.stack([pieces.start, pieces.end])
         bounds, rough = {}, np.zeros((len(NAMES), pieces.cell.size), bool)
+        stricter = rough.copy()  # the line may be violated although the limit is satisfied
         for name in names:
             bounds[name] = bound = self._limited.bounds[name]
             if isinstance(bound, Varying):
                 bounds[name], rest = bound.approximated(low, high)
                 rough[NAMES.index(name)] = rest > ACCURATE * np.abs(bounds[name]).max(axis=1)
+                stricter[NAMES.index(name)] = rest > 0
         timing = self._powers[pieces.cell], self._rest[:, pieces.cell]
         vehicle: Any = self._limited.vehicle
         if not self._on_road:
-            return np.array(prove(self._polynomials, grid, timing, bounds, vehicle, place).codes), rough
+            codes = np.array(prove(self._polynomials, grid, timing, bounds, vehicle, place).codes)
+            return np.where(stricter & (codes == BROKEN), UNDECIDED, codes), rough
         codes, changes = prove_on_road(self._polynomials, grid, timing, bounds, vehicle, (low, high), place)
         rough[[NAMES.index(name) for name in ON_ROAD if name in bounds]] |= changes
-        return codes, rough
+        return np.where(stricter & (codes == BROKEN), UNDECIDED, codes), rough
 
     def divisible(self, pieces: Pieces) -> Bool[np.ndarray, " pieces"]:
         """Return which pieces are long enough to be divided; in shorter ones the distance of a step is uncertain."""
