@@ -32,7 +32,7 @@ def test_formulas_are_those_of_evaluate(kind):
 @pytest.mark.parametrize("on", limits.PATHS)
 def test_limits_beside_the_extremes_are_decided(kind, on):
     """Each case has limits that must be proved, others that must be violated, and some next to them."""
-    rng = np.random.default_rng([limits.PATHS.index(on), limits.KINDS.index(kind)])
+    rng = np.random.default_rng([limits.PATHS.index(on), limits.KINDS.index(kind), 3])
     checked, seen = 0, set()
     with mpmath.workdps(50):
         path = limits.random_path(rng, on)
