@@ -15,6 +15,7 @@ from qtraj.design.timing.retimed_cells import cells_of
 from qtraj.design.timing.retimed_maxima import Limited
 from qtraj.design.timing.sources import source
 from qtraj.design.varying import on_path
+from qtraj.path.distances import distances
 
 LIMITS = qt.Limits(speed=12.0, lateral_acceleration=3.0, longitudinal_acceleration=2.0)
 SAMPLES = 20001
@@ -122,11 +123,40 @@ def test_steps_without_a_limit():
     assert qt.certify(path, qt.Limits(speed=along.scaled(0.99))).status == {"speed": "broken"}
 
 
-def test_halves_are_dyadic_and_in_order():
+def test_pieces_are_divided_in_order():
     found = pieces.Pieces(np.arange(3), np.zeros(3), np.ones(3))
-    found, _ = found.halved(np.array([False, True, False]))
-    found, index = found.halved(np.array([False, False, True, False]))
+    found, _ = found.divided(np.array([False, True, False]), np.full(3, 0.5))
+    found, index = found.divided(np.array([False, False, True, False]), np.array([0.5, 0.25, 0.625, 0.5]))
     assert index.tolist() == [0, 1, 2, 2, 3]
     assert found.cell.tolist() == [0, 1, 1, 1, 2]
-    assert found.start.tolist() == [0.0, 0.0, 0.5, 0.75, 0.0]
-    assert found.end.tolist() == [1.0, 0.5, 0.75, 1.0, 1.0]
+    assert found.start.tolist() == [0.0, 0.0, 0.5, 0.625, 0.0]
+    assert found.end.tolist() == [1.0, 0.5, 0.625, 1.0, 1.0]
+
+
+@pytest.mark.parametrize("index", range(4))
+def test_steps_where_the_speed_is_largest_are_decided(index):
+    """The largest speed of a zone is at its end, where the next zone has a higher limit: 4e-9 of the length decide."""
+    path = retimed(index)
+    on = distances(path.path)
+    s, speed = sampled(path, "speed")
+    rising = np.flatnonzero((np.diff(speed) > 1e-5 * speed.max()) & (speed[1:] >= np.maximum.accumulate(speed)[1:]))
+    border = float(s[rising[rising.size // 2]])
+    for wider, status in ((4e-9, "proved"), (-4e-9, "broken")):
+        t = path.timing.times_of(on.parameters(np.array([border + wider * on.length])))
+        most = float(qt.evaluate(path, t, ["speed"]).speed[0])
+        along = qt.Along([0.0, border], [most, 2 * speed.max()])
+        assert qt.certify(path, qt.Limits(speed=along)).status == {"speed": status}
+
+
+@pytest.mark.parametrize("index", [0, 1])
+def test_a_linear_limit_is_not_broken_where_only_its_lines_are(index):
+    """The lines are stricter by up to 1e-7, so next to the largest value the status may be undecided."""
+    path, rng = retimed(index), np.random.default_rng(index)
+    along, seen = random_limit(path, "speed", "linear", rng), set()
+    _, value, limit = qt.certify(path, qt.Limits(speed=along.scaled(1.001))).worst["speed"]
+    for excess in (-1e-6, 0.0, 1e-10, 1e-9, 1e-8, 1e-5):
+        found = qt.certify(path, qt.Limits(speed=along.scaled(1.001 * value / limit * (1 + excess))))
+        _, own, bound = found.worst["speed"]
+        assert found.status["speed"] != "broken" or own > bound
+        seen.add(found.status["speed"])
+    assert {"proved", "broken"} <= seen

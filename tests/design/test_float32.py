@@ -90,3 +90,21 @@ def test_only_concrete_floats_are_converted():
     assert found["a"].dtype == found["b"].dtype == np.float64
     assert float(found["a"][0]) == float(found["b"]) == float(np.float32(1.1))
     assert all(found[key] is tree[key] for key in "cdef")
+
+
+ENDS = [qt.BoundaryState(*state) for state in (START, END)]
+ROUTE = qt.Route(*map(np.asarray, JOINTS))
+TRACED = {
+    "tune": lambda x: qt.tune(*ENDS, qt.Limits(curvature=x), starts=1).objective,
+    "tune_route": lambda x: qt.tune_route(ROUTE, qt.Limits(lateral_acceleration=x)).objective,
+    "certify": lambda x: qt.certify(ROUTE, qt.Limits(speed=x)).segments.values,
+    "robust_tune": lambda x: qt.robust_tune(*ENDS, qt.Limits(curvature=x), qt.Spread(0.1), samples=256).tuned.objective,
+}
+
+
+@pytest.mark.parametrize("transform", [jax.jit, jax.vmap])
+@pytest.mark.parametrize("name", [*TRACED])
+def test_a_trace_without_float64_says_what_to_set(name, transform):
+    what_to_set = r"jax_enable_x64 is False.*jax\.config\.update\('jax_enable_x64', True\)"
+    with jax.enable_x64(False), pytest.raises(ValueError, match=what_to_set):
+        transform(TRACED[name])(jnp.full(2 if transform is jax.vmap else (), 0.2))

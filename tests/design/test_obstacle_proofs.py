@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from tests.design.random_obstacles import random_helix, random_obstacle, random_route, sampled_clearance
+from benchmarks.random_obstacles import random_helix, random_obstacle, random_route, sampled_clearance
 
 import qtraj as qt
 

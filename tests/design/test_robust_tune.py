@@ -132,7 +132,7 @@ def test_results_are_saved(solved, tmp_path):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: qt.Spread(), "every standard deviation is zero"),
+        (lambda: qt.Spread(), "every standard deviation is zero.*use tune or tune_route"),
         (lambda: qt.Spread(start_velocity=-0.1), "start_velocity must contain finite standard deviations, 0 or more"),
         (lambda: qt.Spread(end_position=[0.1, 0.2]), r"end_position must be a number or \(3,\), but has the shape"),
         (lambda: qt.Spread(limits={"speed": np.nan}), "'speed'.* finite standard deviations"),

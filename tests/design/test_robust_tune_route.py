@@ -130,3 +130,9 @@ def test_limits_at_fixed_ends_are_infeasible():
 def test_mistakes_are_named(call, message):
     with pytest.raises(ValueError, match=message):
         call()
+
+
+@pytest.mark.parametrize("call", ["robust_tune_route", "robust_tune"])
+def test_unknown_options_are_named_with_the_function_that_was_called(call):
+    with pytest.raises(TypeError, match=rf"^{call}\(\) got an unexpected keyword argument 'fixd'; .*'fixed'"):
+        getattr(qt, call)(turn(), *([turn()] if call == "robust_tune" else []), LIMITS, SPREAD, fixd=None)

@@ -132,8 +132,8 @@ def test_wrong_arguments_are_named(change, fragment):
     assert fragment in str(caught.value)
 
 
-def test_obstacles_that_move_are_refused_by_the_first_steps(monkeypatch):
-    problem = problem_of(monkeypatch, straight(7), LIMITS, tube=3.0)
-    moving = problem._replace(clear=tuple(x._replace(track=((0.0, 1.0),) * 3) for x in problem.clear))
+def test_obstacles_that_move_are_refused_by_the_first_steps():
+    """Before any search, and for a route that would satisfy the limits without one."""
+    limits = qt.Limits(speed=9.0, keep_out=[qt.Ball([[20.0, 50.0, 0.0], [0.0, 0.1, 0.0]], 1.0)])
     with pytest.raises(ValueError, match="do not support obstacles that move: omit method"):
-        many_starts.many(8, optax.adam(1e-2)).begins(moving)
+        qt.tune_route(straight(7), limits, tube=3.0, starts=8, method=optax.adam(1e-2))

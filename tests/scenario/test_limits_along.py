@@ -121,6 +121,8 @@ def test_options_by_speed():
         "lateral_acceleration=9@0m/s,7@30": "each with its speed in m/s",
         "lateral_acceleration=9,7@30m/s": "each with its speed in m/s",
         "lateral_acceleration=9@30m/s,7@0m/s": "ascending",
+        "lateral_acceleration=9@0km/h,7@30km/h": "speeds in m/s such as 3@0m/s,0.8@30m/s",
+        "speed=9,7@30km": "distance in metres, without a unit",
         "longitudinal_acceleration=-6:3@0m/s,2@30m/s": "same sides at all speeds",
         "longitudinal_acceleration=-6:3@0m/s,:2@30m/s": "same sides at all speeds",
         "combined_acceleration=8@0m/s,7@30m/s": "in the table [limits] of a scenario",
@@ -210,3 +212,5 @@ def test_faulty_limits_by_speed_in_scenarios_are_named(folder, limit, message):
 def test_the_option_refers_to_scenarios_for_ellipses():
     with pytest.raises(ValueError, match="of a scenario"):
         limits(["combined_acceleration=9"])
+    with pytest.raises(ValueError, match=r"combined_acceleration = \{braking = …, accelerating = …, lateral = …\}"):
+        limits(["combined_acceleration=9@0m/s"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import accumulate
 from typing import Any, Protocol
 
 from qtraj.algebra.signs import Signs
@@ -32,6 +33,29 @@ class _Combined:
         some, every = (some, every) if self._largest else (every, some)
         found = {name: _joined(own, name, False) for name in some} | {name: _joined(own, name, True) for name in every}
         return Signs(**found)
+
+    def reduced(self, signs: Sequence[Signs]) -> tuple[AnyClaim, list[bool]]:
+        """Return the claim without the parts that `signs` decide, and which polynomials it still has.
+
+        A part that is negative cannot be the largest one, and one that is positive cannot make the smallest one
+        negative. At least one part remains.
+        """
+        parts, kept = [], []
+        for claim, own, sign in zip(self._claims, _own(self._claims, signs), _split(self._claims, signs), strict=True):
+            if sign.lt if self._largest else sign.gt:
+                kept += [False] * len(own)
+                continue
+            part, of_part = reduced(claim, own)
+            parts.append(part)
+            kept += of_part
+        if not parts or all(kept):
+            return self, [True] * len(self.polynomials)
+        return _Combined(parts, self._largest) if len(parts) > 1 else parts[0], kept
+
+
+def reduced(claim: AnyClaim, signs: Sequence[Signs]) -> tuple[AnyClaim, list[bool]]:
+    """Return a claim that is the same as `claim` where its polynomials have these signs, and which of them it has."""
+    return claim.reduced(signs) if isinstance(claim, _Combined) else (claim, [True] * len(claim.polynomials))
 
 
 class Except:
@@ -71,9 +95,10 @@ def _joined(signs: list[Signs], name: str, every: bool) -> Any:
 
 def _split(claims: Sequence[AnyClaim], signs: Sequence[Signs]) -> list[Signs]:
     """Return the signs of each claim from those of the polynomials of all claims."""
-    own, start = [], 0
-    for claim in claims:
-        end = start + len(claim.polynomials)
-        own.append(claim.sign(signs[start:end]))
-        start = end
-    return own
+    return [claim.sign(own) for claim, own in zip(claims, _own(claims, signs), strict=True)]
+
+
+def _own(claims: Sequence[AnyClaim], signs: Sequence[Signs]) -> list[Sequence[Signs]]:
+    """Return the signs of the polynomials of each claim."""
+    ends = [*accumulate(len(claim.polynomials) for claim in claims)]
+    return [signs[start:end] for start, end in zip([0, *ends], ends, strict=False)]

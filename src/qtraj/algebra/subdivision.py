@@ -12,10 +12,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import lru_cache
-from itertools import pairwise
+from itertools import compress, pairwise
 from typing import Any, NamedTuple
 
-from qtraj.algebra.combined_claims import AnyClaim
+from qtraj.algebra.combined_claims import AnyClaim, reduced
 from qtraj.algebra.exact import ExactPolynomial
 from qtraj.algebra.signs import Signs
 
@@ -59,17 +59,20 @@ def decide(claim: AnyClaim, strict: bool = False, max_work: int = MAX_WORK) -> D
 
 
 def _subdivided(claim: AnyClaim, forms: list[Form], halved: Halving, strict: bool, max_work: int) -> Decision:
-    stack = [(forms, 0, 0)]
+    stack = [(claim, forms, 0, 0)]
     work, undecided = 0, None
     while stack:
-        forms, depth, place = stack.pop()
-        inside = claim.sign([_on_interval(*form) for form in forms])
+        claim, forms, depth, place = stack.pop()
+        signs = [_on_interval(*form) for form in forms]
+        inside = claim.sign(signs)
         if inside.gt if strict else inside.ge:
             continue
         for end in (0, -1):
             value = claim.sign([_of_number(b[end], e) for b, e in forms])
             if value.le if strict else value.lt:
                 return Decision(False, True, math.ldexp(place - end, -depth))
+        claim, kept = reduced(claim, signs)
+        forms = [*compress(forms, kept)]
         if all(e > max(max(b), -min(b)) for b, e in forms):
             return Decision(False, False, math.ldexp(place, -depth))  # so they do on all parts of the interval
         work += sum(len(b) ** 2 for b, _ in forms)
@@ -79,8 +82,8 @@ def _subdivided(claim: AnyClaim, forms: list[Form], halved: Halving, strict: boo
                 break
             continue
         halves = [halved(*form) for form in forms]
-        stack.append(([right for _, right in halves], depth + 1, 2 * place + 1))
-        stack.append(([left for left, _ in halves], depth + 1, 2 * place))
+        stack.append((claim, [right for _, right in halves], depth + 1, 2 * place + 1))
+        stack.append((claim, [left for left, _ in halves], depth + 1, 2 * place))
     return Decision(True, False) if undecided is None else Decision(False, False, undecided)
 
 

@@ -93,10 +93,11 @@ def _steps(name: str, value: str, text: str) -> "Along":
     distances, values = [], []
     for k, step in enumerate(value.split(",")):
         limit, at, start = (part.strip() for part in step.partition("@"))
-        if not limit or bool(at) != bool(start) or (k and not at):
+        if not limit or bool(at) != bool(start) or (k and not at) or (at and not _is_number(start)):
             raise ValueError(
-                f"--limit {name} needs steps such as 13.9,8.3@120, each with a value and the distance [m] from which "
-                f"it holds, but {text!r} was given"
+                f"--limit {name} needs steps such as 13.9,8.3@120, each with a value and the distance in metres, "
+                "without a unit, from which it holds, or values at speeds in m/s such as 3@0m/s,0.8@30m/s, but "
+                f"{text!r} was given"
             )
         distances.append(_number(start, text) if at else 0.0)
         values.append(None if limit == "none" else _constant(name, limit, text))
@@ -140,14 +141,17 @@ def _by_speed(name: str, value: str, text: str) -> "BySpeed":
     return found
 
 
-def _number(value: str, text: str) -> float:
+def _is_number(value: str) -> bool:
     try:
-        found = float(value)
+        return math.isfinite(float(value))
     except ValueError:
-        found = math.nan
-    if not math.isfinite(found):
+        return False
+
+
+def _number(value: str, text: str) -> float:
+    if not _is_number(value):
         raise ValueError(
             f"--limit needs {FORMS} with finite numbers, such as speed=13.9 or longitudinal_acceleration=-6:2, but "
             f"{text!r} was given"
         )
-    return found
+    return float(value)

@@ -26,4 +26,18 @@ def on_host(function: Callable[..., Any], shapes: Any, *arguments: Any) -> Any:
 
     if not is_traced(arguments):
         return of_batch(*jax.tree.map(np.asarray, arguments))
+    return host_callback(of_batch, shapes, *arguments)
+
+
+def host_callback(of_batch: Callable[..., Any], shapes: Any, *arguments: Any) -> Any:
+    """Call a function of batches of arrays on the host inside a trace; `vmap` adds the first axes of its arrays.
+
+    **Raises:** ValueError for results in float64 without jax_enable_x64.
+    """
+    wide = any(np.dtype(x.dtype) in (np.float64, np.int64) for x in jax.tree.leaves(shapes))
+    if wide and not jax.config.read("jax_enable_x64"):
+        raise ValueError(
+            "inside jit, grad and vmap, searches and proofs need float64, but jax_enable_x64 is False. Call "
+            "jax.config.update('jax_enable_x64', True) before creating the arrays."
+        )
     return jax.pure_callback(of_batch, shapes, *arguments, vmap_method="broadcast_all")

@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 from qtraj.design.along import Along, Changing, numbers_of
 from qtraj.foundation.argument import described
 from qtraj.foundation.arrays import as_array, as_float
-from qtraj.foundation.document import storable
+from qtraj.foundation.document import storable, stored_as
 from qtraj.foundation.namespace import in_numpy
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.distances import Distances, distances
@@ -22,6 +22,17 @@ PARTS, LEVELS = 16, 9
 """Intervals in which a path crosses the edge of an area are divided into `PARTS` intervals, at most `LEVELS` times."""
 
 
+def _fields(regions: Any) -> dict[str, Any]:
+    return {"polygons": regions.polygons, "values": regions.values}
+
+
+def _built(polygons: Sequence[ArrayInput], values: ArrayInput) -> Any:
+    """Return the regions that are stored; the last value is that outside of them."""
+    *inside, outside = np.asarray(values, float).tolist()
+    return Regions(list(zip(polygons, inside, strict=True)), outside)
+
+
+@stored_as(_fields, _built)
 @storable
 class Regions(Changing):
     """A limit inside areas of the horizontal plane.

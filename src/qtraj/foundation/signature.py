@@ -4,6 +4,8 @@ import inspect
 from collections.abc import Callable
 from typing import Any
 
+from qtraj.foundation.suggestion import suggestion
+
 
 def accepts(function: Callable[..., Any], count: int) -> bool:
     """Return whether a function can be called with `count` arguments; true if its signature is not known and count 1.
@@ -19,3 +21,12 @@ def accepts(function: Callable[..., Any], count: int) -> bool:
     except TypeError:
         return False
     return True
+
+
+def require_options(call: str, options: dict[str, Any], function: Callable[..., Any]) -> None:
+    """Raise a TypeError in the name of `call` for options that `function`, to which it passes them, does not have."""
+    known = list(inspect.signature(function).parameters)
+    if unknown := [name for name in options if name not in known]:
+        raise TypeError(
+            f"{call}() got an unexpected keyword argument {unknown[0]!r}; {suggestion(unknown[0], known, 'arguments')}"
+        )

@@ -17,6 +17,7 @@ from qtraj.design.obstacles.obstacle import AbstractObstacle
 from qtraj.design.obstacles.proof import judged
 from qtraj.design.obstacles.route_pieces import route_pieces
 from qtraj.design.obstacles.turning_pieces import turning_pieces
+from qtraj.design.on_host import host_callback
 from qtraj.design.proof.certificate import BROKEN, SAMPLED, UNDEFINED
 from qtraj.design.proof.findings import Findings
 from qtraj.design.proof.maxima import find_maxima
@@ -79,9 +80,7 @@ def on_helices(path: SpiralHelix, obstacles: Obstacles, body: Body | None) -> Fi
     else:
         float_ = jnp.result_type(float)
         kinds: list[Any] = [jax.ShapeDtypeStruct((*shape, count), x) for x in (np.int32, float_, float_)]
-        codes, times, values = jax.pure_callback(
-            on_host, Findings(*kinds), *map(jnp.asarray, leaves), vmap_method="broadcast_all"
-        )
+        codes, times, values = host_callback(on_host, Findings(*kinds), *map(jnp.asarray, leaves))
     if is_traced(path):
         values = _differentiable(path, jnp.asarray(times), obstacles, body)
     return Findings(codes, times, values)

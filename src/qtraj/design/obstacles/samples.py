@@ -10,10 +10,13 @@ import numpy as np
 from qtraj.design.obstacles.body import Body
 from qtraj.design.obstacles.obstacle import AbstractObstacle
 from qtraj.design.obstacles.piece import Piece, floats
-from qtraj.design.proof.maxima import find_maxima
+from qtraj.design.proof.maxima import PEAKS, find_maxima
 
 GRID = np.linspace(0.0, 1.0, 33)
 """The fractions of each piece that are sampled."""
+
+WINDOW, WINDOWS = np.linspace(-1.0, 1.0, 9), 15
+"""The instants of a window in units of its half-width, which becomes a quarter each time, and the number of windows."""
 
 
 class Samples:
@@ -60,9 +63,31 @@ class Samples:
         own_at, own = find_maxima(function, GRID, -samples[:, near])
         own_at = np.clip(own_at, 0.0, 1.0)
         own = np.minimum(-own, self.clearances(obstacle, own_at[None], near)[0])
+        inside = np.flatnonzero(own < 0)  # inside a polygon the clearance has kinks, where parabolas are inaccurate
+        if inside.size:
+            clearances = lambda u: self.clearances(obstacle, u, near[inside])  # noqa: E731
+            found_at, found = _narrowed(clearances, samples[:, near[inside]])
+            lower = found < own[inside]
+            own_at[inside[lower]], own[inside[lower]] = found_at[lower], found[lower]
         better = own <= values[near]
         at[near[better]], values[near[better]] = own_at[better], own[better]
         return at, values
+
+
+def _narrowed(function: Any, samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the fractions and values of minima, from values in narrower and narrower windows about local minima."""
+    end = np.full_like(samples[:1], np.inf)
+    low = (samples <= np.concatenate([end, samples[:-1]])) & (samples <= np.concatenate([samples[1:], end]))
+    at = GRID[np.argsort(np.where(low, samples, np.inf), axis=0)[:PEAKS]]
+    width, values = GRID[1], samples[:PEAKS]
+    for _ in range(WINDOWS):
+        u = np.clip(at[:, None] + width * WINDOW[:, None], 0.0, 1.0)
+        found = function(u.reshape(-1, u.shape[2])).reshape(u.shape)
+        k = np.argmin(found, axis=1)[:, None]
+        at, values = (np.take_along_axis(x, k, axis=1)[:, 0] for x in (u, found))
+        width *= WINDOW[-1] - WINDOW[-2]
+    best = np.argmin(values, axis=0)[None]
+    return np.take_along_axis(at, best, axis=0)[0], np.take_along_axis(values, best, axis=0)[0]
 
 
 def _horner(c: np.ndarray, u: np.ndarray) -> np.ndarray:

@@ -14,6 +14,7 @@ from qtraj.design.divisors import factors as factors_of
 from qtraj.design.limit_checks import require_known_road
 from qtraj.design.limits import Limits, require_limits
 from qtraj.design.obstacles.certificate import with_obstacles
+from qtraj.design.on_host import host_callback
 from qtraj.design.proof.certificate import Certificate
 from qtraj.design.proof.corridor import add_corridor
 from qtraj.design.proof.envelope import differentiable
@@ -192,7 +193,7 @@ def _findings(path: AbstractHodograph, names: tuple[str, ...], numbers: list[Any
     def on_host(*arrays: Any) -> Findings:
         return Findings(*(x.astype(y.dtype) for x, y in zip(_on_host(names, *arrays), result, strict=True)))
 
-    return jax.pure_callback(on_host, result, *arrays, *numbers, vmap_method="broadcast_all")
+    return host_callback(on_host, result, *arrays, *numbers)
 
 
 def _of_source(source: Source, names: tuple[str, ...], numbers: list[Any], batch: tuple[int, ...]) -> Findings:

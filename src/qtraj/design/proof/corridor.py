@@ -16,6 +16,7 @@ from qtraj.algebra.bounded import BoundedPolynomial
 from qtraj.algebra.exact import ExactPolynomial
 from qtraj.algebra.polynomial import horner
 from qtraj.algebra.surd import Claim
+from qtraj.design.on_host import host_callback
 from qtraj.design.proof.certificate import BROKEN, PROVED, UNDECIDED, Certificate
 from qtraj.design.proof.deciding import decided
 from qtraj.design.proof.maxima import find_maxima
@@ -113,7 +114,7 @@ def _findings(path: Coefficients, reference: Coefficients, widths: Any) -> Any:
         found = judge_corridor(*flat)
         return tuple(x.reshape(batch).astype(like.dtype) for x, like in zip(found, result, strict=True))
 
-    return jax.pure_callback(on_host, result, path, reference, widths, vmap_method="broadcast_all")
+    return host_callback(on_host, result, path, reference, widths)
 
 
 def judge_corridor(path: Coefficients, reference: Coefficients, widths: np.ndarray) -> tuple[np.ndarray, ...]:

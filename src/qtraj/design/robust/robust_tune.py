@@ -16,6 +16,7 @@ from qtraj.design.robust.to_share import require_share, tuned_to_share
 from qtraj.design.robust.tune_in_box import tune_in_box
 from qtraj.design.tuning.tune import tune
 from qtraj.foundation.argument import require_type
+from qtraj.foundation.signature import require_options
 from qtraj.path.boundary import BoundaryState
 
 
@@ -88,6 +89,7 @@ def robust_tune(
         >>> round(float(found.sampled_share), 2)
         0.99
     """
+    require_options("robust_tune", options, tune)
     if isinstance(spread, Box):
         _require_one(start, end)
         if (share, samples, seed) != (0.99, 8192, 0):

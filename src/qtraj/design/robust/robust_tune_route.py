@@ -11,6 +11,7 @@ from qtraj.design.robust.spread import Spread
 from qtraj.design.robust.to_share import require_share, tuned_to_share
 from qtraj.design.tuning_route.tune_route import tune_route
 from qtraj.foundation.argument import require_type
+from qtraj.foundation.signature import require_options
 from qtraj.path.route import Route
 
 
@@ -67,6 +68,7 @@ def robust_tune_route(
     """
     require_type(route, Route, "route", "a Route, such as the path of fit_route")
     require_limits(limits)
+    require_options("robust_tune_route", options, tune_route)
     require_share("robust_tune_route", limits, spread, share, samples, seed)
     if route.progress is not None:
         raise ValueError("robust_tune_route needs a route without stops: pass a window between two stops")

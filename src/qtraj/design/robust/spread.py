@@ -56,7 +56,9 @@ class Spread(eqx.Module):
         )
         self.limits = {str(name): float(_sigmas(x, f"limits[{name!r}]", ())) for name, x in (limits or {}).items()}
         if not (any(np.any(getattr(self, name)) for name in STATES) or any(self.limits.values())):
-            raise ValueError("every standard deviation is zero: pass at least one that is positive, or use tune")
+            raise ValueError(
+                "every standard deviation is zero: pass at least one that is positive, or use tune or tune_route"
+            )
 
     def __repr__(self) -> str:
         return shown(self, start_position="m", start_velocity="m/s", end_position="m", end_velocity="m/s")

@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from qtraj.design.on_host import host_callback
 from qtraj.design.tuning import multistart
 from qtraj.design.tuning.search import AbstractSearch, SearchResult
 from qtraj.design.tuning.searches import searches_of
@@ -44,4 +45,4 @@ def solve(method: AbstractSearch, tasks: Task, posed: Any, starts: int, max_step
         expected = result_shapes((*more, count))
         return jax.tree.map(lambda x, like: np.asarray(x, like.dtype).reshape(like.shape), found, expected)
 
-    return jax.pure_callback(on_host, result_shapes((count,)), *map(jnp.asarray, leaves), vmap_method="broadcast_all")
+    return host_callback(on_host, result_shapes((count,)), *map(jnp.asarray, leaves))

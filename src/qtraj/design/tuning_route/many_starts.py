@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from qtraj.design.limits import Limits
 from qtraj.design.tuning.methods import optimiser_of
 from qtraj.design.tuning.problem import broadcasting
 from qtraj.design.tuning_route.circuit import repeated
@@ -61,12 +62,10 @@ class Many(NamedTuple):
         shifted = random_starts(problem, self.starts - 1)
         if self.optimiser is None:
             return list(shifted)
-        if any(clear.track is not None for clear in problem.clear):
-            raise ValueError("the first steps of an optax optimiser do not support obstacles that move: omit method")
         return list(first_steps(problem, shifted, self.optimiser))
 
 
-def many(starts: Any, method: Any) -> Many:
+def many(starts: Any, method: Any, limits: Limits) -> Many:
     """Return the starts for the arguments of `tune_route`; raise a ValueError for wrong ones."""
     if isinstance(starts, bool) or not isinstance(starts, int | np.integer) or starts < 1:
         raise ValueError(f"starts must be an integer, 1 or more, but {starts!r} was given")
@@ -78,6 +77,8 @@ def many(starts: Any, method: Any) -> Many:
             "an optax optimiser takes the first steps from many starts, but starts=1 was given: pass starts=64, for "
             "example, or omit method"
         )
+    if any(obstacle.moves for obstacle in limits.keep_out or ()):
+        raise ValueError("the first steps of an optax optimiser do not support obstacles that move: omit method")
     return Many(int(starts), optimiser)
 
 

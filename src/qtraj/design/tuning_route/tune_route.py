@@ -167,7 +167,7 @@ def tune_route(
     require_known_road(limits.vehicle, limits.given())
     if nearest_to is not None:
         require_target(nearest_to, objective)
-    many = many_starts.many(starts, method)
+    many = many_starts.many(starts, method, limits)
 
     def solve(route: Route, limits: Limits, tube: Any) -> Solution:
         return _solution(route, limits, names, tube, objective, fixed, closed, max_steps, nearest_to, many)

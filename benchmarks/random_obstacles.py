@@ -61,12 +61,13 @@ def distance(obstacle, points, t):
 
 
 def _from_polygon(vertices, points):
-    best, inside = np.full(len(points), np.inf), np.ones(len(points), bool)
+    best, sides = np.full(len(points), np.inf), []
     for a, b in zip(vertices, np.roll(vertices, -1, axis=0), strict=True):
         e = b - a
         along = np.clip((points - a) @ e / (e @ e), 0, 1)
         best = np.minimum(best, np.linalg.norm(points - a - along[:, None] * e, axis=1))
-        inside &= e[0] * (points[:, 1] - a[1]) - e[1] * (points[:, 0] - a[0]) >= 0
+        sides.append(e[0] * (points[:, 1] - a[1]) - e[1] * (points[:, 0] - a[0]) >= 0)
+    inside = np.all(sides, axis=0) | ~np.any(sides, axis=0)  # the corners are in either sense
     return np.where(inside, -best, best)
 
 
