@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Int
 
 from qtraj.design.tuning import rescaling
 from qtraj.design.tuning.both_sides import starts_around
@@ -106,13 +107,15 @@ def solve(
         method = method.refined_by
         result = _refined(method, searches, ends, points, report)
     infeasible = np.flatnonzero(~(result.largest <= FEASIBLE))
+    tried = np.full(count, starts)
     if infeasible.size:
+        tried[infeasible] += len(SLOW)
         rows = infeasible[:, None] * starts + np.arange(starts)
         few = searches.take(infeasible)
         result.put(
             infeasible, _rescued(method, few, result.take(infeasible), points[:, rows.ravel()], max_steps, report)
         )
-    return with_active(searches, result)
+    return with_active(searches, result, tried)
 
 
 def minimise_violation(searches: Searches, z: np.ndarray, max_steps: int, report: Report | None = None) -> Ends:
@@ -124,8 +127,11 @@ def minimise_violation(searches: Searches, z: np.ndarray, max_steps: int, report
     return _search(SequentialQuadratic(max_steps), alone, z, report, "least violations")
 
 
-def with_active(searches: Searches, ends: Ends) -> SearchResult:
-    """Return the results of searches with their active peaks, which a subproblem at each solution determines."""
+def with_active(searches: Searches, ends: Ends, starts: Int[np.ndarray, " batch"]) -> SearchResult:
+    """Return the results of searches with their active peaks, which a subproblem at each solution determines.
+
+    `starts` are the numbers of starts from which the results were found.
+    """
     z, largest = ends.z, np.maximum(ends.largest, 0.0)
     with np.errstate(all="ignore"):
         unmet = largest > FEASIBLE
@@ -146,7 +152,9 @@ def with_active(searches: Searches, ends: Ends) -> SearchResult:
     missing = [(0, rows - len(order)), (0, 0)]
     limit, time, multiplier = (np.pad(x, missing).T for x in parts)
     scale = own.problem.scale
-    return SearchResult(z.T, np.maximum(limit, 0), time, multiplier, largest, ends.stationary, ends.steps, scale)
+    return SearchResult(
+        z.T, np.maximum(limit, 0), time, multiplier, largest, ends.stationary, ends.steps, scale, starts
+    )
 
 
 def _rescued(
