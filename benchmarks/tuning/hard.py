@@ -131,11 +131,11 @@ def costs(best: qt.Tuned) -> np.ndarray:
     return np.where(np.asarray(best.converged), np.asarray(best.objective), np.inf)
 
 
-def compare(name: str, problems: Sequence[Posed], ways: Sequence[str]) -> None:
+def compare(name: str, problems: Sequence[Posed]) -> None:
     """Print a table, and the problems with different results."""
     columns = ("converged, proved", "infeasible", "best of all", "better than sqp, 8", "worse", "CPU time per problem")
     print(f"| {len(problems)} {name} problems | {' | '.join(columns)} |\n|---|---|---|---|---|---|---|", flush=True)
-    found = {label: tuned(problems, *WAYS[label]) for label in ways}
+    found = {label: tuned(problems, *way) for label, way in WAYS.items()}
     own = {label: costs(best) for label, (best, _) in found.items()}
     least, usual = np.min(list(own.values()), axis=0), own["sqp, 8 starts"]
     for label, (best, spent) in found.items():
@@ -168,9 +168,9 @@ def main() -> None:
             print(*find(first, min(first + 50, given.find)), sep=", ", flush=True)
         return
     count = given.problems
-    compare("random", [random(k) for k in range(RANDOM)][:count], ("sqp, 8 starts", "sqp, 64 starts"))
+    compare("random", [random(k) for k in range(RANDOM)][:count])
     print()
-    compare("hard", [far(k) for k in HARD][:count], tuple(WAYS))
+    compare("hard", [far(k) for k in HARD][:count])
 
 
 if __name__ == "__main__":
