@@ -10,7 +10,9 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optax
 import pytest
+from benchmarks.tuning import hard
 from scipy.optimize import NonlinearConstraint, minimize
 
 import qtraj as qt
@@ -614,3 +616,11 @@ def test_a_slow_path_is_found_where_only_slow_paths_satisfy_the_limits():
     assert found.converged, found.result
     assert set(found.certificate.status.values()) == {"proved"}
     assert "duration reached the default bounds" in found.result
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("index", "method"), [(57, "sqp"), (31, optax.adam(1e-2))], ids=["sqp", "adam"])
+def test_more_starts_are_not_worse(index, method):
+    """The planned starts alone need searches for the smallest violation, which lead to better paths than others."""
+    few, many = (hard.costs(hard.tuned([hard.far(index)], *way)[0]) for way in (("sqp", 8), (method, 64)))
+    assert np.all(many <= few * (1 + RTOL))
