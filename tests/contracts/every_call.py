@@ -301,6 +301,31 @@ HEAVY = {
 }
 """Rows whose compilation with derivatives takes more than a second; these are marked as slow."""
 
+COMPILED = {
+    *("AbstractHodograph.__call__", "AbstractHodograph.acceleration", "AbstractHodograph.jerk"),
+    *("AbstractHodograph.velocity", "AccelerationLaw", "AccelerationLaw.__call__", "Actuator", "Actuator.__call__"),
+    *("Along", "Along.at", "Arm.bias", "Ball", "BySpeed.at", "CircularOrbit.__call__", "Curve", "Curve.derivatives"),
+    *("Ellipse", "Ellipse.usage", "Ellipsoid", "EulerTurn", "GeometricFeedback.__call__", "Limits", "Limits.margins"),
+    *("ProgramSequence.__call__", "QuaternionFeedback", "QuaternionFeedback.__call__", "ReactionWheels", "RigidBody"),
+    *("RigidBody.acceleration", "RigidBody.commanded_torques", "RigidBody.free", "Route.nearest", "Sinusoid"),
+    *("Sinusoid.__call__", "SpiralHelix.from_boundary", "Spin", "ThrustAligned", "Vehicle.inertia_in_frame"),
+    *("control.body_command", "control.choose_sign", "control.error_angle", "control.error_state"),
+    *("control.from_settling_time", "control.from_weights", "control.gibbs_normalization", "control.least_norm"),
+    *("control.place", "error_response", "exchange.wxyz_from_xyzw", "exchange.xyzw_from_wxyz", "propagate"),
+    *("slew_history", "sqrt", "torques.CircularOrbit", "torques.GravityGradient"),
+}
+"""Rows that JAX compiles, because they have no formula in NumPy or run separate operations of JAX."""
+
+STORED = {
+    **dict.fromkeys(("BoundaryState", "Ellipse", "Joint", "Limits", "Placement", "ReactionWheels"), "only stores"),
+    **dict.fromkeys(("Vehicle", "Vehicle.inertia_in_frame"), "does not combine these numbers"),
+    **dict.fromkeys(("MagneticDipole.__call__", "RateLaw.__call__"), "does not use all arguments"),
+    **dict.fromkeys(("RigidBody.acceleration", "RigidBody.free"), "does not use all arguments"),
+    **dict.fromkeys(("DisturbanceAcceleration.acceleration", "DisturbanceTorque.acceleration"), "uses no rate"),
+    **dict.fromkeys(("slew_history", "within_torque"), "computes on the host"),
+}
+"""Rows that accept a first argument on another device, and why."""
+
 MEMBERS = {
     **dict.fromkeys(("record", "to_xarray", "to_dataframe", "plot", "draw", "save"), "stores or shows a result"),
     **dict.fromkeys(("check", "explain", "describe", "findings", "rows", "sentences"), "a text about a result"),

@@ -69,3 +69,45 @@ def test_searches_and_proofs_run_on_the_host(stands_for):
     )
     assert process.returncode == 0, process.stderr[-2000:]
     assert process.stdout == "agreed\n"
+
+
+SIMULATIONS = """
+import jax, jax.numpy as jnp, numpy as np
+jax.config.update("jax_num_cpu_devices", 2)
+jax.config.update("jax_enable_x64", True)
+import qtraj as qt
+
+first, second = jax.local_devices()
+spin, law = qt.Spin([0.0, 0.0, 0.3], 4.5), qt.AccelerationLaw(2.0, 1.5)
+quaternion, rate, times = np.array([1.0, 0.1, 0, 0]), np.array([0, 0, 0, 0.3]), np.linspace(0.0, 4.5, 6)
+CALLS = {
+    "simulate": (qt.simulate, (spin, law, quaternion, rate, times)),
+    "integrate": (lambda *x: qt.integrate(lambda t, q, w: -0.1 * w, *x), (quaternion, rate, times)),
+}
+
+
+def moved(tree, device):
+    return jax.tree.map(lambda x: jax.device_put(jnp.asarray(x), device), tree)
+
+
+for name, (call, args) in CALLS.items():
+    expected, found = (jax.tree.leaves(call(*moved(args, device))) for device in (first, second))
+    for x, y in zip(expected, found, strict=True):
+        np.testing.assert_array_equal(x, y, err_msg=name)
+        assert not isinstance(y, jax.Array) or y.devices() == {second}, (name, y.devices())
+    try:
+        call(*moved(args[:1], first), *moved(args[1:], second))
+    except ValueError as error:
+        assert "cpu:0 and cpu:1" in str(error), error
+    else:
+        raise AssertionError(name)
+print("agreed")
+"""
+
+
+@pytest.mark.slow
+def test_simulations_run_on_the_device_of_the_arguments():
+    command = [sys.executable, "-c", SIMULATIONS]
+    process = subprocess.run(command, capture_output=True, text=True, env=os.environ, check=False)
+    assert process.returncode == 0, process.stderr[-2000:]
+    assert process.stdout == "agreed\n"

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from tests.contracts.every_call import CALLS, HEAVY, MEMBERS, OTHERS, UNTRACED
+from tests.contracts.every_call import CALLS, COMPILED, HEAVY, MEMBERS, OTHERS, STORED, UNTRACED
 
 import qtraj as qt
 
@@ -69,7 +69,7 @@ def test_every_public_name_has_a_row_or_a_reason():
     assert not NAMES - rows, "add rows to CALLS, or reasons to OTHERS, in tests/contracts/every_call.py"
     assert not rows - NAMES, "these names are gone"
     assert not {*CALLS} & {*OTHERS}
-    assert {*UNTRACED, *HEAVY} <= {*CALLS}
+    assert {*UNTRACED, *HEAVY, *COMPILED, *STORED} <= {*CALLS}
 
 
 @pytest.mark.parametrize("name", CALLS)
@@ -121,26 +121,54 @@ def test_jit_vmap_and_grad(name):
 
 
 WHERE = """
-import jax, jax.numpy as jnp
+import sys
+import jax, numpy as np
 jax.config.update("jax_num_cpu_devices", 2)
 jax.config.update("jax_enable_x64", True)
-from tests.contracts.every_call import CALLS, UNTRACED
+from tests.contracts.every_call import CALLS, COMPILED, STORED, UNTRACED
 
-other = jax.local_devices()[1]
+first, second = jax.local_devices()
 ELSEWHERE = {*UNTRACED, "Vehicle", "Curve"}  # a number, and a result that does not depend on the argument
+
+
+def moved(x, device):
+    return jax.device_put(np.asarray(x, float), device)
+
+
+def values(tree):
+    return [np.asarray(x, float) for x in jax.tree.leaves(tree)]
+
+
 for name, (call, *whole) in CALLS.items():
-    results = jax.tree.leaves(call(*(jax.device_put(jnp.asarray(x, float), other) for x in whole)))
-    where = [x.devices() if isinstance(x, jax.Array) else type(x) for x in results]
-    if name not in ELSEWHERE and any(x != {other} for x in where):
-        print(name, *where)
+    if sys.argv[1] == "numpy" and name in COMPILED:
+        continue
+    expected, found = (call(*(moved(x, device) for x in whole)) for device in (first, second))
+    where = [x.devices() if isinstance(x, jax.Array) else type(x) for x in jax.tree.leaves(found)]
+    if name not in ELSEWHERE and any(x != {second} for x in where):
+        print(name, "is on", *where)
+    if not all(np.array_equal(x, y, equal_nan=True) for x, y in zip(values(found), values(expected), strict=True)):
+        print(name, "has other values")
+    if len(whole) == 1:
+        continue
+    try:
+        call(moved(whole[0], first), *(moved(x, second) for x in whole[1:]))
+    except ValueError as error:
+        if "cpu:0 and cpu:1" not in str(error) or "jax.device_put(x, device)" not in str(error):
+            print(name, "refuses a mixture without a clear text:", error)
+        if name in STORED:
+            print(name, "refuses a mixture, so it does not belong to STORED")
+    else:
+        if name not in STORED:
+            print(name, "accepts a mixture")
 """
 
 
-def test_results_are_on_the_device_of_the_arguments(cached_code):
-    process = subprocess.run(
-        [sys.executable, "-c", WHERE], cwd=Path(__file__).parents[2], env=cached_code, capture_output=True, text=True,
-        check=False
-    )  # fmt: skip
+@pytest.mark.parametrize("rows", ["numpy", pytest.param("all", marks=pytest.mark.slow)])
+def test_results_are_on_the_device_of_the_arguments(rows, cached_code):
+    """The values are those of the first device, and arguments on two devices are refused."""
+    root = Path(__file__).parents[2]
+    command = [sys.executable, "-c", WHERE, rows]
+    process = subprocess.run(command, cwd=root, env=cached_code, capture_output=True, text=True, check=False)
     assert process.returncode == 0, process.stderr[-2000:]
     assert process.stdout == ""
 

@@ -10,7 +10,9 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optax
 import pytest
+from benchmarks.tuning import hard
 from scipy.optimize import NonlinearConstraint, minimize
 
 import qtraj as qt
@@ -242,6 +244,7 @@ def test_an_impossible_limit_is_explained(impossible):
     assert best.status == "infeasible"
     assert not best.converged
     assert not best.certificate.met
+    assert "no boundary velocities were found that satisfy the limits (6 starts tried)" in best.result
     assert "The limit on curvature can be satisfied alone; no path was found that satisfies all limits" in best.result
     assert qt.tune(START, END, qt.Limits(curvature=0.02), bounds=SHORT_DURATION).certificate.met
     assert "What would help: raise curvature to" in best.result
@@ -251,6 +254,22 @@ def test_an_impossible_limit_is_explained(impossible):
     assert solved.certificate.met, solved.result
 
 
+@pytest.mark.parametrize("transform", [lambda f: f, pytest.param(jax.jit, marks=pytest.mark.slow)])
+def test_only_infeasible_problems_are_tried_from_more_starts(transform):
+    """An ill-posed problem is not tried."""
+    start = jax.tree.map(lambda x: jnp.stack([x] * 3), START)
+    ends = jax.vmap(qt.BoundaryState)(jnp.stack([END.position] * 2 + [START.position]), jnp.stack([END.velocity] * 3))
+
+    def tuned(curvature):
+        limits = jax.vmap(lambda k: qt.Limits(curvature=k, lateral_acceleration=2.2))(curvature)
+        return qt.tune(start, ends, limits, bounds=SHORT_DURATION, starts=1)
+
+    many = transform(tuned)(jnp.array([0.06, 0.02, 0.05]))
+    assert many.status.tolist() == ["converged", "infeasible", "ill-posed"]
+    assert many.starts_tried.tolist() == [1, 4, 0]
+    assert str(many).startswith("3 tunings from 0 … 4 starts each: 1 converged, 1 infeasible, 1 ill-posed")
+
+
 @pytest.mark.slow
 def test_conflicting_limits_are_distinguished_from_impossible_ones():
     """At fixed duration, curvature alone can be met, and lateral acceleration cannot."""
@@ -258,8 +277,7 @@ def test_conflicting_limits_are_distinguished_from_impossible_ones():
     assert best.status == "infeasible"
     assert "The limit on curvature can be satisfied alone; no path was found that satisfies all limits" in best.result
     assert (
-        "The limit on lateral_acceleration was not satisfied, even as the only limit (searched from 8 starts)"
-        in best.result
+        "The limit on lateral_acceleration was not satisfied, even as the only limit (11 starts tried)" in best.result
     )
     assert "longer duration" in best.result
 
@@ -599,3 +617,11 @@ def test_a_slow_path_is_found_where_only_slow_paths_satisfy_the_limits():
     assert found.converged, found.result
     assert set(found.certificate.status.values()) == {"proved"}
     assert "duration reached the default bounds" in found.result
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("index", "method"), [(57, "sqp"), (31, optax.adam(1e-2))], ids=["sqp", "adam"])
+def test_more_starts_are_not_worse(index, method):
+    """The planned starts alone need searches for the smallest violation, which lead to better paths than others."""
+    few, many = (hard.costs(hard.tuned([hard.far(index)], *way)[0]) for way in (("sqp", 8), (method, 64)))
+    assert np.all(many <= few * (1 + RTOL))

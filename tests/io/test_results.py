@@ -104,7 +104,7 @@ def single():
             np.zeros(1),
         ),
         "state": qt.BoundaryState([10.0, 0, 1 / 7], [1.0, 4.0, 1 / 3], [0.0, -1.6, 1 / 7]),
-        "tuned": qt.Tuned(path, *ends, 1 / 3, certificate, 0, 7, "try less"),
+        "tuned": qt.Tuned(path, *ends, 1 / 3, certificate, 0, 7, "try less", starts_tried=8),
         "table": qt.Table(jnp.asarray(INSTANTS), quaternion=jnp.asarray(quaternion), speed=jnp.asarray(INSTANTS)),
         "uncertainty": qt.Uncertainty(
             jnp.asarray(INSTANTS), *({"speed": INSTANTS / k, "position": rate[:, :3] / k} for k in (3, 5, 7))

@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Float
 
 from qtraj.foundation.argument import described
 from qtraj.foundation.arrays import as_float, concrete
+from qtraj.foundation.devices import on_one_device
 from qtraj.foundation.document import storable
 from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import ArrayInput, ScalarLike
@@ -144,6 +145,7 @@ class Along(Changing):
         """Return the same with the values multiplied by `factor`."""
         return self._with(self.values * factor)
 
+    @on_one_device
     def at(self, s: ScalarLike) -> Array:
         """Return the value at the distance `s` [m]; the later one where the value changes."""
         xp = namespace(self.values, s)

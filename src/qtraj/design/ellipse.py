@@ -9,6 +9,7 @@ from jaxtyping import Array, Float
 from qtraj.design.along import Variable
 from qtraj.design.by_speed import BySpeed, of_magnitude
 from qtraj.foundation.arrays import concrete
+from qtraj.foundation.devices import on_one_device
 from qtraj.foundation.document import storable
 from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import ArrayInput
@@ -60,6 +61,7 @@ class Ellipse(Variable):
         each = [getattr(self, name).values for name in FIELDS]
         return namespace(*each).concatenate(each)
 
+    @on_one_device
     def usage(self, longitudinal: Any, lateral: Any, speed: Any) -> Any:
         """Return √((a_τ/x)² + (a_n/y)²) for accelerations [m/s²] and speeds [m/s]."""
         xp = namespace(longitudinal, lateral, speed)

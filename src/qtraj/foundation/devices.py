@@ -1,10 +1,13 @@
 """Find the device of the arguments of a call, where its results belong."""
 
-from collections.abc import Iterable
-from typing import Any
+import functools
+from collections.abc import Callable, Iterable
+from typing import Any, TypeVar
 
 import jax
 from jax.core import Tracer
+
+Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def device_of(leaves: Iterable[Any], advice: str = "") -> Any:
@@ -30,6 +33,23 @@ def device_of(leaves: Iterable[Any], advice: str = "") -> Any:
             + advice
         )
     return next(iter(found), None)
+
+
+def on_one_device(function: Function) -> Function:
+    """Explain the failure of a function whose arguments are on different devices, as `device_of` does.
+
+    JAX refuses such arguments, too, but names operations inside the function. Calls that succeed cost nothing.
+    """
+
+    @functools.wraps(function)
+    def call(*args: Any, **kwargs: Any) -> Any:
+        try:
+            return function(*args, **kwargs)
+        except ValueError:
+            device_of(jax.tree.leaves((args, kwargs)))
+            raise
+
+    return call  # type: ignore[return-value]
 
 
 def chosen_device() -> Any:

@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from qtraj.foundation.devices import on_one_device
 from qtraj.foundation.namespace import as_floats
 from qtraj.foundation.trailing_axes import TRAILING
 
@@ -50,6 +51,7 @@ def _converting(function: Function, single: bool) -> Function:
             raise ValueError(f"{called}: {name} must have shape ({wanted}), but shape {actual} was given{advice}")
         return array
 
+    @on_one_device
     @functools.wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
         values = [converted(*pair) for pair in zip(names, args, strict=False)]

@@ -23,6 +23,7 @@ from qtraj.design.tuning.searches import Curves, Searches
 from qtraj.design.tuning.sqp import FEASIBLE, SequentialQuadratic
 from qtraj.design.tuning.targets import factors, given, target, user_value_at, value_at
 from qtraj.design.tuning.task import as_jax, one
+from qtraj.design.tuning.verdict import counted
 from qtraj.foundation.progress import Report
 from qtraj.foundation.units import with_unit
 from qtraj.path.clearance_quantity import names_obstacle
@@ -120,10 +121,12 @@ def advice(searches: Searches, result: SearchResult, options: SearchOptions) -> 
     violated = [name for name, ratio in worst.items() if ratio > 1 + FEASIBLE]
     own = {} if problem.clearances is None else problem.clearances.obstacles
     entered = [name for name, rows in own.items() if max(values[row] for row in rows) > FEASIBLE]
-    min_ratios = worst
+    min_ratios, tried = worst, dict.fromkeys(violated, int(result.starts[0]))
     if len(searches.limits) > 1:
-        min_ratios = {name: min(_min_ratio_alone(searches, name, options), worst[name]) for name in violated}
-    sentences = [_describe(name, min_ratios[name], limits, options.starts) for name in violated]
+        alone = {name: _search_alone(searches, name, options) for name in violated}
+        min_ratios = {name: min(math.exp(float(x.violation[0])), worst[name]) for name, x in alone.items()}
+        tried = {name: int(x.starts[0]) for name, x in alone.items()}
+    sentences = [_describe(name, min_ratios[name], limits, tried[name]) for name in violated]
     sentences += [_describe_obstacle(searches, name, options) for name in entered]
     remedies = _raise_limits(searches, limits, worst, violated, options) if violated else []
     remedies += [*_omit_obstacles(searches, entered, options), *_move_number(searches, result, options)]
@@ -145,10 +148,9 @@ def _describe(name: str, min_ratio: float, limits: dict[str, float], starts: int
     if min_ratio > 1 + FEASIBLE:
         closest = with_unit(float(user_value_at(min_ratio, name, limits)), quantity(name).unit)
         extreme = "largest minimum" if quantity(name).lower else "smallest maximum"
-        searched = "1 start" if starts == 1 else f"{starts} starts"
         return (
-            f"The limit on {name} was not satisfied, even as the only limit (searched from {searched}); "
-            f"the {extreme} found is {closest}."
+            f"The limit on {name} was not satisfied, even as the only limit ({counted(starts, 'start')} tried); the "
+            f"{extreme} found is {closest}."
         )
     return f"The limit on {name} can be satisfied alone; no path was found that satisfies all limits."
 
@@ -201,12 +203,12 @@ def _change(name: str) -> str:
     return f"{'lower' if quantity(name).lower else 'raise'} {name}"
 
 
-def _min_ratio_alone(searches: Searches, name: str, options: SearchOptions) -> float:
-    """Return the smallest peak of one quantity divided by its limit, with all other limits relaxed."""
+def _search_alone(searches: Searches, name: str, options: SearchOptions) -> SearchResult:
+    """Return the result of a search with one limit, with all other limits relaxed."""
     searches = _among(searches, [])
     limits = searches.limits
     relaxed = {key: x if key == name else value_at(RELAXATION, key, limits) for key, x in limits.items()}
-    return math.exp(float(options.solve(_replaced(searches, relaxed)).violation[0]))
+    return options.solve(_replaced(searches, relaxed))
 
 
 def _move_number(searches: Searches, result: SearchResult, options: SearchOptions) -> list[str]:
@@ -233,7 +235,9 @@ def _move_until_met(searches: Searches, result: SearchResult, k: int, options: S
         if not math.isfinite(relative) or abs(value - first) > MAX_RELATIVE_MOVE * size or crosses_zero:
             return None
         searches = _with_value(searches, number, value)
-        result = with_active(searches, minimise_violation(searches, result.z.T, options.max_steps, options.report))
+        result = with_active(
+            searches, minimise_violation(searches, result.z.T, options.max_steps, options.report), result.starts
+        )
         if float(result.violation[0]) <= FEASIBLE and options.can_be_met(searches):
             return value
     return None

@@ -58,12 +58,13 @@ def make_outcome(
         # The certificate requires that path and reference have equal placements, and NaN is not equal to NaN.
         path = eqx.tree_at(lambda path: path.placement, path, axis, is_leaf=lambda x: x is None)
     certificate = certify(path, limits, corridor=corridor, reference=None if corridor is None else reference)
-    stationary, violation, steps = (x if batch else x[0] for x in (result.stationary, result.violation, result.steps))
+    numbers = result.stationary, result.violation, result.steps, result.starts
+    stationary, violation, steps, tried = (x if batch else x[0] for x in numbers)
     code = _code(stationary, violation, _concrete_or_traced(certificate.codes) <= SAMPLED)
     xp: Any = jnp if is_traced(code, faults) else np
     code = xp.where(ill_posed, faults, code).astype(np.int32)
     vehicle = with_batch(limits.vehicle, batch[0]) if batch else limits.vehicle
-    return Tuned(path, first, last, objective, certificate, code, steps, vehicle=vehicle)
+    return Tuned(path, first, last, objective, certificate, code, steps, vehicle=vehicle, starts_tried=tried)
 
 
 def _concrete_or_traced(x: Array) -> Any:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from qtraj.design.tuning import rescaling
 from qtraj.design.tuning.both_sides import starts_around
@@ -41,7 +42,7 @@ with the initial states alone, it is 964.
 """
 
 SLOW = ((0.0, 0.0, 1.5), (0.5, -0.5, 1.5), (0.5, -0.5, 2.5))
-"""Further starts if no search satisfies the limits: slow and almost straight paths."""
+"""Further starts if no search from a planned start satisfies the limits: slow and almost straight paths."""
 
 NEAR, SPREAD = 0.05, 0.6
 """Standard deviations of the planned starts about their nominal values, and of all other starts about zero."""
@@ -86,33 +87,55 @@ def solve(
 ) -> SearchResult:
     """Return the best result of each problem of a batch; an ill-posed one, False in `posed`, has none and is NaN.
 
-    If no search satisfies the limits of a problem, "sqp" minimises the violation from the best result in at most
-    `max_steps` steps. If the limits are then satisfied, the objective is minimised from this point.
+    If no search from a planned start satisfies the limits of a problem, "sqp" minimises the violation from these starts
+    and from slow paths, each in at most `VIOLATION_STEPS` times `max_steps` steps. If the limits are then satisfied,
+    the objective is minimised from the resulting points. If no search at all satisfies the limits, the same is done
+    from all other starts. So more starts, and first steps of an optimiser, never give a worse result than the planned
+    starts alone.
     """
     count = searches.count
     if posed is not None and not posed.all():
         index = np.flatnonzero(posed) if posed.any() else np.arange(1)  # one gives the shapes
         some = solve(method, searches.take(index), starts, max_steps if posed.any() else 0, report)
         return some.among(index, count)
-    around = starts_around(searches)
-    usual = np.repeat(starting_points(searches.problem.names, starts).T[:, :, None], count, axis=2)
-    points = np.concatenate([usual, around], axis=1).swapaxes(1, 2).reshape(len(usual), -1)
-    starts += around.shape[1]
-    many = searches if starts == 1 else searches.take(np.repeat(np.arange(count), starts))
-    ends = _search(method, many, points, report, "searches")
-    if method.refined_by is None:
-        result = ends.take(_best(ends, count))
-    else:
+    points, planned = _points(searches, starts)
+    starts = points.shape[2]
+    ends = _search(method, searches.take(np.repeat(np.arange(count), starts)), _joined(points), report, "searches")
+    if method.refined_by is not None:
         method = method.refined_by
-        result = _refined(method, searches, ends, points, report)
-    infeasible = np.flatnonzero(~(result.largest <= FEASIBLE))
-    if infeasible.size:
-        rows = infeasible[:, None] * starts + np.arange(starts)
-        few = searches.take(infeasible)
-        result.put(
-            infeasible, _rescued(method, few, result.take(infeasible), points[:, rows.ravel()], max_steps, report)
-        )
-    return with_active(searches, result)
+        ends = _refined(method, searches, ends, points[:, :, :planned], report)
+    result = ends.take(_best(ends, count))
+    first = ends.take(np.arange(ends.cost.size).reshape(count, -1)[:, :planned].ravel())
+    first = first.take(_best(first, count))
+    tried = np.full(count, starts)
+
+    def rescue(failed: np.ndarray, ends: Ends, points: np.ndarray) -> None:
+        found = _rescued(method, searches.take(failed), ends.take(failed), points, max_steps, report)
+        better = _merit(found) < _merit(result.take(failed))
+        result.put(failed[better], found.take(better))
+
+    all_failed = np.flatnonzero(~(result.largest <= FEASIBLE))
+    failed = np.flatnonzero(~(first.largest <= FEASIBLE))
+    if failed.size:
+        slow = np.repeat(_changes(searches.problem.names, SLOW).T[:, None], failed.size, axis=1)
+        rescue(failed, first, np.concatenate([points[:, failed, :planned], slow], axis=2))
+        tried[failed] += len(SLOW)
+    if all_failed.size and starts > planned:
+        rescue(all_failed, result, points[:, all_failed, planned:])
+    return with_active(searches, result, tried)
+
+
+def _points(searches: Searches, starts: int) -> tuple[Float[np.ndarray, "n batch starts"], int]:
+    """Return the starts of each problem, and the number of planned ones, which are first: also those at obstacles."""
+    around = starts_around(searches)
+    usual = np.repeat(starting_points(searches.problem.names, starts).T[:, :, None], searches.count, axis=2)
+    parts = usual[:, : len(PLANNED)], around, usual[:, len(PLANNED) :]
+    return np.concatenate(parts, axis=1).swapaxes(1, 2), parts[0].shape[1] + around.shape[1]
+
+
+def _joined(points: Float[np.ndarray, "n batch starts"]) -> Float[np.ndarray, "n searches"]:
+    """Return the starts of all problems along one axis."""
+    return points.reshape(len(points), -1)
 
 
 def minimise_violation(searches: Searches, z: np.ndarray, max_steps: int, report: Report | None = None) -> Ends:
@@ -124,8 +147,11 @@ def minimise_violation(searches: Searches, z: np.ndarray, max_steps: int, report
     return _search(SequentialQuadratic(max_steps), alone, z, report, "least violations")
 
 
-def with_active(searches: Searches, ends: Ends) -> SearchResult:
-    """Return the results of searches with their active peaks, which a subproblem at each solution determines."""
+def with_active(searches: Searches, ends: Ends, starts: Int[np.ndarray, " batch"]) -> SearchResult:
+    """Return the results of searches with their active peaks, which a subproblem at each solution determines.
+
+    `starts` are the numbers of starts from which the results were found.
+    """
     z, largest = ends.z, np.maximum(ends.largest, 0.0)
     with np.errstate(all="ignore"):
         unmet = largest > FEASIBLE
@@ -146,7 +172,9 @@ def with_active(searches: Searches, ends: Ends) -> SearchResult:
     missing = [(0, rows - len(order)), (0, 0)]
     limit, time, multiplier = (np.pad(x, missing).T for x in parts)
     scale = own.problem.scale
-    return SearchResult(z.T, np.maximum(limit, 0), time, multiplier, largest, ends.stationary, ends.steps, scale)
+    return SearchResult(
+        z.T, np.maximum(limit, 0), time, multiplier, largest, ends.stationary, ends.steps, scale, starts
+    )
 
 
 def _rescued(
@@ -157,16 +185,15 @@ def _rescued(
     max_steps: int,
     report: Report | None,
 ) -> Ends:
-    """Minimise the violation, from the best result of each problem, from all its starts, and from slow paths.
+    """Minimise the violation from one final point of each problem, and from other points (n, batch, points).
 
-    Where the limits are then satisfied, minimise the objective from the resulting points.
+    Where the limits are then satisfied, minimise the objective from the resulting points. Return the best results.
     """
-    count, slow = searches.count, _changes(searches.problem.names, SLOW).T
-    own = points.reshape(len(points), count, -1)
-    z = np.concatenate([ends.z[:, :, None], own, np.repeat(slow[:, None], count, axis=1)], axis=2)
+    count = searches.count
+    z = np.concatenate([ends.z[:, :, None], points], axis=2)
     each = z.shape[2]
     many = searches.take(np.repeat(np.arange(count), each))
-    found = minimise_violation(many, z.reshape(len(points), -1), VIOLATION_STEPS * max_steps, report)
+    found = minimise_violation(many, _joined(z), VIOLATION_STEPS * max_steps, report)
     # A path that satisfies the limits, but was not optimised for the objective, is not a solution.
     feasible = found.largest <= FEASIBLE
     found = found._replace(stationary=found.stationary & ~feasible)
@@ -196,16 +223,17 @@ def _continued(
     return met
 
 
-def _refined(method: AbstractSearch, searches: Searches, ends: Ends, points: np.ndarray, report: Report | None) -> Ends:
-    """Continue from the best final points of each problem, and search from its first start, too; return the best."""
+def _refined(
+    method: AbstractSearch, searches: Searches, ends: Ends, planned: np.ndarray, report: Report | None
+) -> Ends:
+    """Search from the planned starts of each problem (n, batch, starts), and continue from its best final points."""
     count, starts = searches.count, ends.cost.size // searches.count
     order = np.argsort(_merit(ends).reshape(count, starts), axis=1, kind="stable")[:, :REFINED]
     chosen = np.arange(count)[:, None] * starts + order
-    z = np.concatenate([ends.z[:, chosen], points[:, ::starts, None]], axis=2)
-    many = searches.take(np.repeat(np.arange(count), z.shape[2]))
-    refined = _search(method, many, z.reshape(len(z), -1), report, "best results")
-    result = refined.take(_best(refined, count))
-    return result._replace(steps=result.steps + ends.steps[::starts])
+    z = np.concatenate([planned, ends.z[:, chosen]], axis=2)
+    each = np.repeat(np.arange(count), z.shape[2])
+    refined = _search(method, searches.take(each), _joined(z), report, "best results")
+    return refined._replace(steps=refined.steps + ends.steps[::starts][each])
 
 
 def _best(ends: Ends, count: int) -> np.ndarray:

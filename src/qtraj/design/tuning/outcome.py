@@ -63,6 +63,7 @@ class Tuned(AbstractOutcome):
     - `certificate`: the findings on the limits.
     - `code`: a `ResultCode`; `status` describes it in one or two words, and `result` explains it and gives advice.
     - `iterations`: the number of steps of the best search.
+    - `starts_tried`: the number of starts from which searches ran; None in documents of older versions.
     - `advice`: notes on the search and, after a failure, advice. For a batch, `advisor` computes the advice on an
       element when its `result` is requested; `place` contains the number of the advisor and the index of the element.
 
@@ -81,6 +82,7 @@ class Tuned(AbstractOutcome):
     advisor: Advisor | None = eqx.field(static=True)
     place: Int[Array, "*batch 2"] | None
     vehicle: Vehicle | None
+    starts_tried: Int[Array, "*batch"] | None
 
     def __init__(
         self,
@@ -95,6 +97,7 @@ class Tuned(AbstractOutcome):
         advisor: "Advisor | None" = None,
         place: ArrayInput | None = None,
         vehicle: "Vehicle | None" = None,
+        starts_tried: ArrayInput | None = None,
     ):
         self.path, self.start, self.end = path, start, end
         self.objective, self.certificate = as_float(objective), certificate
@@ -102,6 +105,7 @@ class Tuned(AbstractOutcome):
         self.advice, self.advisor = advice, advisor
         self.place = None if place is None else as_array(place, jnp.int32)
         self.vehicle = vehicle
+        self.starts_tried = None if starts_tried is None else as_array(starts_tried, jnp.int32)
 
     @property
     def status(self) -> Any:
@@ -120,7 +124,8 @@ class Tuned(AbstractOutcome):
             np.asarray(x)[at] for x in (self.code, self.iterations, self.path.radius, self.path.duration)
         )
         findings = self.certificate.findings(at)
-        return verdict(ResultCode(int(code)), findings, int(steps), self._advice(at), radius, float(duration))
+        tried = None if self.starts_tried is None else int(np.asarray(self.starts_tried)[at])
+        return verdict(ResultCode(int(code)), findings, int(steps), tried, self._advice(at), radius, float(duration))
 
     def _advice(self, at: tuple[int, ...]) -> str:
         code, place = concrete_codes(self)[at], concrete(self.place)
@@ -137,6 +142,7 @@ class Tuned(AbstractOutcome):
             "outcome": Quantity(status, "", f"one of {', '.join([*STATUSES.values(), ILL_POSED_STATUS])}"),
             "code": Quantity(self.code, "1", "result code of the tuning"),
             "iterations": Quantity(self.iterations, "1", "number of steps of the best search"),
+            **self._starts_record(),
             **findings.variables,
             **self.path.record().variables,
             **vehicle_quantities(self.vehicle),
@@ -151,6 +157,11 @@ class Tuned(AbstractOutcome):
             f"{batch_prefix(self.code.shape, 'problems')}{counts_text(status)}, {search}; {self.certificate.summary}"
         )
         return Record(summary, variables, findings.coordinates, findings.attributes)
+
+    def _starts_record(self) -> dict[str, Quantity]:
+        if self.starts_tried is None:
+            return {}
+        return {"starts_tried": Quantity(self.starts_tried, "1", "number of starts from which searches ran")}
 
     def __getitem__(self, index: Any) -> "Tuned":
         if self.code.ndim == 0:
@@ -193,4 +204,5 @@ class Tuned(AbstractOutcome):
             return f"{self.result}\n{self.certificate}"
         texts, names = np.ravel(self.status), [*STATUSES.values(), ILL_POSED_STATUS]
         counts = ", ".join(f"{np.sum(texts == name)} {name}" for name in names if name in texts)
-        return f"{self.code.size} tunings: {counts}\n{self.certificate}"
+        starts = "" if self.starts_tried is None else f" from {extent(self.starts_tried)} starts each"
+        return f"{self.code.size} tunings{starts}: {counts}\n{self.certificate}"

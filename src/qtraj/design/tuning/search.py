@@ -59,7 +59,7 @@ class SearchResult(NamedTuple):
 
     `limit`, `time` and `multiplier` describe the active peaks; unused elements have the multiplier 0. `violation` is
     the largest constraint value, or zero if all limits are satisfied. The multipliers belong to the objective divided
-    by `scale`.
+    by `scale`. `starts` is the number of starts of all searches for the problem.
     """
 
     z: Float[Any, "*batch n"]
@@ -70,6 +70,7 @@ class SearchResult(NamedTuple):
     stationary: Bool[Any, "*batch"]
     steps: Int[Any, "*batch"]
     scale: Float[Any, "*batch"]
+    starts: Int[Any, "*batch"]
 
     def among(self, index: Int[np.ndarray, " batch"], count: int) -> "SearchResult":
         """Return the results of `count` problems, of which these are at `index`, and all others are NaN or zero."""

@@ -32,7 +32,7 @@ def solve(method: AbstractSearch, tasks: Task, posed: Any, starts: int, max_step
         k = n + 1
         return SearchResult(
             array(dtype, n), array(np.int32, k), array(dtype, k), array(dtype, k), array(dtype), array(bool),
-            array(np.int32), array(dtype),
+            array(np.int32), array(dtype), array(np.int32),
         )  # fmt: skip
 
     def on_host(*values: Any) -> SearchResult:

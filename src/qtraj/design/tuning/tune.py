@@ -106,15 +106,17 @@ def tune(
     difference of the azimuths measured along the arc (an upper bound on the straight-line distance). The corridor is an
     additional limit, the last one in the certificate.
 
-    `tune` runs `starts` searches from the initial states and perturbations of them, and returns the best result. If no
-    path is found that satisfies the limits, the result is the path with the smallest violation, with advice. `progress`
-    is called with a `Progress` a few times per second; `progress=True` displays the progress (extra `cli`).
+    `tune` runs `starts` searches from the initial states and perturbations of them, and returns the best result. If
+    none satisfies the limits, searches for the smallest violation run from all these starts and from slow paths. If
+    these fail, too, the result is the path with the smallest violation, with advice. `starts_tried` is the number of
+    starts. `progress` is called with a `Progress` a few times per second; `progress=True` displays the progress (extra
+    `cli`).
 
     `method` "sqp" is sequential quadratic programming on refined peaks with exact second derivatives. With an
     `optax.GradientTransformation` such as `optax.adam(1e-2)`, or with "lbfgs" or "adam" (learning rate 1e-2), all
     searches of a batch first take `inner_steps` steps of the optimiser together, on an accelerator if there is one.
-    "sqp" then continues from the four best results of each problem, and starts from the initial states, too. This is
-    worth its compilation for large batches with many starts. `max_steps` is the maximum number of steps of "sqp"; if
+    "sqp" then continues from the four best results of each problem, and from the first eight starts, too. This is worth
+    its compilation for large batches with many starts. `max_steps` is the maximum number of steps of "sqp"; if
     limits remain violated, the search for the smallest violation has at most six times as many. A search that they end
     is "not converged", with `converged` false. Reuse the same optimiser object to avoid recompilation.
 

@@ -21,44 +21,50 @@ def verdict(
     code: ResultCode,
     findings: Sequence[Finding],
     steps: int,
+    starts: int | None,
     advice: str,
     radius: Float[np.ndarray, " n"],
     duration: float,
 ) -> str:
-    """Describe the result of one tuning, with advice; `radius` contains the coefficients of ρ."""
+    """Describe the result of one tuning, with advice; `radius` contains the coefficients of ρ.
+
+    `starts` is the number of starts that were tried, or None if it is unknown.
+    """
     if code >= ILL_POSED:
         return f"ill-posed: {code.text}"
     describe = {ResultCode.successful: converged, ResultCode.infeasible: infeasible}.get(code, not_converged)
     if code != ResultCode.successful and not advice:
         advice = ADVICE_BATCH if code == ResultCode.infeasible else ADVICE_NOT_CONVERGED
-    return " ".join(part for part in (describe(findings, steps), advice, axis_warning(radius, duration)) if part)
+    return " ".join(
+        part for part in (describe(findings, steps, starts), advice, axis_warning(radius, duration)) if part
+    )
 
 
-def converged(findings: Sequence[Finding], steps: int) -> str:
+def converged(findings: Sequence[Finding], steps: int, starts: int | None) -> str:
     """Return the message for a converged tuning."""
     all_proved = all(finding.status == "proved" for finding in findings)
     proved, sampled = (
         "proved to be satisfied on the whole path",
         "satisfied, but some limits were only checked on a fine grid and are not proved",
     )
-    lines = [f"converged in {_counted(steps)}: every limit is {proved if all_proved else sampled}."]
+    lines = [f"converged in {counted(steps, 'step')}: every limit is {proved if all_proved else sampled}."]
     active = [_active(finding) for finding in findings if finding.active]
     return " ".join([*lines, *(active or ["No limit is active: the path is also an optimum without limits."])])
 
 
-def not_converged(findings: Sequence[Finding], steps: int) -> str:
+def not_converged(findings: Sequence[Finding], steps: int, starts: int | None) -> str:
     """Return the message for a search that stopped before convergence."""
     unmet = "; ".join(finding.statement for finding in findings if not finding.met)
     problems = unmet or "every limit is satisfied, but the objective may not be at its minimum"
-    return f"not converged after {_counted(steps)}: {problems}."
+    return f"not converged after {counted(steps, 'step')}{_searched(starts)}: {problems}."
 
 
-def infeasible(findings: Sequence[Finding], steps: int) -> str:
+def infeasible(findings: Sequence[Finding], steps: int, starts: int | None) -> str:
     """Return the message for a tuning that found no path that satisfies the limits."""
     unmet = "; ".join(_violated(finding) for finding in findings if not finding.met)
     return (
-        "infeasible: no boundary velocities were found that satisfy the limits. Of all paths found, this path has "
-        f"the smallest violation: {unmet}."
+        f"infeasible: no boundary velocities were found that satisfy the limits{_searched(starts)}. Of all paths "
+        f"found, this path has the smallest violation: {unmet}."
     )
 
 
@@ -87,5 +93,10 @@ def axis_warning(radius: Float[np.ndarray, " n"], duration: float) -> str:
     )
 
 
-def _counted(steps: int) -> str:
-    return f"{steps} step" if steps == 1 else f"{steps} steps"
+def _searched(starts: int | None) -> str:
+    return "" if starts is None else f" ({counted(starts, 'start')} tried)"
+
+
+def counted(number: int, noun: str) -> str:
+    """Return a number with its noun, in the plural unless the number is one."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

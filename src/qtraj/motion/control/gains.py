@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from qtraj.foundation.arrays import as_float, concrete, require_finite, require_positive
+from qtraj.foundation.devices import on_one_device
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.motion.checks import common_dtype
 
@@ -18,6 +19,7 @@ RESIDUAL = 0.02
 _NEWTON_STEPS = 8  # enough for an error at the level of round-off in float64, for every residual
 
 
+@on_one_device
 def from_settling_time(time: ArrayInput, residual: ArrayInput = RESIDUAL) -> tuple[Scalar, Scalar]:
     """Return critically damped gains K1 = 2k, K2 = k² with which the error decays to `residual` in `time` [s].
 
@@ -43,6 +45,7 @@ def rate_from_settling_time(time: ArrayInput, residual: ArrayInput = RESIDUAL) -
     return -jnp.log(residual) / time
 
 
+@on_one_device
 def from_damping(ratio: ArrayInput, frequency: ArrayInput) -> tuple[Scalar, Scalar]:
     """Return K1 = 2ζω_n and K2 = ω_n² for the damping `ratio` ζ and the undamped natural `frequency` ω_n [rad/s].
 
@@ -54,6 +57,7 @@ def from_damping(ratio: ArrayInput, frequency: ArrayInput) -> tuple[Scalar, Scal
     return 2 * ratio * frequency, frequency * frequency
 
 
+@on_one_device
 def from_weights(error: ArrayInput, rate: ArrayInput = 0.0, command: ArrayInput = 1.0) -> tuple[Scalar, Scalar]:
     """Return the gains that minimise ∫(q1 x² + q2 ẋ² + r ẍ²)dt: K2 = √(q1/r) and K1 = √(q2/r + 2√(q1/r)).
 

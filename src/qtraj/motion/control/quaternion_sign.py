@@ -12,6 +12,7 @@ import jax.numpy as jnp
 
 from qtraj.algebra.vector import norm
 from qtraj.foundation.arrays import as_float, concrete, real_vector
+from qtraj.foundation.devices import on_one_device
 from qtraj.foundation.float_arguments import single_arguments
 from qtraj.foundation.renamed import renamed_arguments
 from qtraj.foundation.types import ArrayInput, Quat, Scalar, ScalarLike, Vec3
@@ -103,6 +104,7 @@ def gibbs_normalization(reference: Attitude, quaternion: Quat, rate: Quat) -> tu
 
 
 @renamed_arguments(excess="rate_error", gauge="normalization")
+@on_one_device
 def place(
     law: AbstractLaw,
     reference: Attitude,

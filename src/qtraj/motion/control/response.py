@@ -18,6 +18,7 @@ from jaxtyping import Array, Float
 
 from qtraj.algebra.polynomial import horner
 from qtraj.foundation.arrays import as_float, as_seconds, real_vector
+from qtraj.foundation.devices import on_one_device
 from qtraj.foundation.float_arguments import single_arguments
 from qtraj.foundation.types import ArrayInput, Mat4, Quat, ScalarLike
 from qtraj.motion.control.errors import target
@@ -29,6 +30,7 @@ _NEAR_CRITICAL = 0.5
 """Value of |k1²/4 − k2|t² below which the power series of `_waves` and two derivatives are exact to round-off."""
 
 
+@on_one_device
 def error_response(
     law: AccelerationLaw | RateLaw, mu0: ArrayInput, mu_rate0: ArrayInput | None, t: ArrayInput
 ) -> Float[Array, "... 4"]:

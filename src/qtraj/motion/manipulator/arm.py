@@ -22,6 +22,7 @@ from qtraj.algebra import quaternion, rotation
 from qtraj.algebra.quaternion import product, rotate
 from qtraj.algebra.vector import cross, norm
 from qtraj.foundation.arrays import as_float, concrete, real_vector
+from qtraj.foundation.devices import on_one_device
 from qtraj.foundation.document import storable
 from qtraj.foundation.namespace import as_floats, in_numpy, scan, xp
 from qtraj.foundation.shown import shown
@@ -152,6 +153,7 @@ class Arm(eqx.Module):
         """Return the Jacobian J (6, n) with (ω, v) = J q̇, the rate and the velocity of the gripper in inertial axes."""
         return self.kinematics(q)[2]
 
+    @on_one_device
     def bias(self, q: Joints, q_dot: Joints) -> Float[Array, 6]:
         """Return J̇ q̇ (6,), the angular [rad/s²] and linear [m/s²] acceleration of the gripper for q̈ = 0."""
         q, q_dot = jnp.asarray(as_floats(q)), jnp.asarray(as_floats(q_dot))

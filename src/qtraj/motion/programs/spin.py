@@ -4,6 +4,7 @@ import numpy as np
 
 from qtraj.algebra import quaternion, rotation
 from qtraj.foundation.arrays import concrete, one_instant, real_scalar, real_vector, require_positive
+from qtraj.foundation.devices import on_one_device
 from qtraj.foundation.document import storable
 from qtraj.foundation.namespace import in_numpy, of_arrays
 from qtraj.foundation.seconds import seconds
@@ -40,6 +41,7 @@ class Spin(AbstractProgram):
     duration: Scalar
     start_q: Quat
 
+    @on_one_device
     def __init__(
         self,
         rate: ArrayInput,

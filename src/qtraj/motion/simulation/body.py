@@ -28,6 +28,7 @@ from qtraj.foundation.arrays import (
     require_finite,
     require_positive,
 )
+from qtraj.foundation.devices import on_one_device
 from qtraj.foundation.document import storable
 from qtraj.foundation.float_arguments import single_arguments
 from qtraj.foundation.shown import shown
@@ -177,6 +178,7 @@ class RigidBody(eqx.Module):
         ratio = jnp.max(jnp.abs(motors) / self.wheels.max_torque.astype(motors.dtype))
         return motors / jnp.maximum(ratio, 1.0)
 
+    @on_one_device
     def actual_torques(self, commanded: ArrayInput, momentum: ArrayInput) -> Torques:
         """Return the motor torques; a torque that would accelerate a wheel beyond its maximum momentum is zero."""
         commanded, momentum = self._torques(commanded), self._momenta(momentum)
@@ -185,6 +187,7 @@ class RigidBody(eqx.Module):
         at_maximum = jnp.abs(momentum) >= self.wheels.max_momentum.astype(momentum.dtype)
         return jnp.where(at_maximum & (commanded * momentum > 0), 0.0, commanded)
 
+    @on_one_device
     def control_torque(self, commanded: ArrayInput, momentum: ArrayInput) -> Vec3:
         """Return the actual torque (3,) [N m] of motors or thrusters on the body, body axes."""
         torques = self.actual_torques(commanded, momentum)
@@ -214,6 +217,7 @@ class RigidBody(eqx.Module):
         physical = self.acceleration(t, quaternion, rate[1:], momentum, nothing)
         return jnp.concatenate([jnp.zeros_like(rate[:1]), physical.astype(rate.dtype)])
 
+    @on_one_device
     def momentum_rate(self, commanded: ArrayInput, momentum: ArrayInput) -> Momenta:
         """Return the time derivative ḣ (n,) [N m] of the momenta of the wheels; (0,) without wheels."""
         return self._momenta(momentum) if self.wheels is None else self.actual_torques(commanded, momentum)

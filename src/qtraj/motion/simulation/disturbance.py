@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from qtraj.foundation.arrays import one_instant, real_scalar, real_vector, require_finite, require_positive
+from qtraj.foundation.devices import on_one_device
 from qtraj.foundation.document import reads_older, storable
 from qtraj.foundation.float_arguments import single_arguments
 from qtraj.foundation.renamed import renamed_arguments
@@ -41,6 +42,7 @@ class Sinusoid(eqx.Module):
     def __repr__(self) -> str:
         return shown(self, period="s", phase="rad")
 
+    @on_one_device
     def __call__(self, t: ScalarLike) -> Vec3:
         """Return the vector (3,) at the time `t` [s]."""
         t = one_instant(t)

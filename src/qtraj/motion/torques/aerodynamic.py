@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from qtraj.algebra.quaternion import conjugate, rotate
 from qtraj.algebra.vector import norm
 from qtraj.foundation.arrays import as_float, real_scalar, real_vector, require_positive
+from qtraj.foundation.devices import on_one_device
 from qtraj.foundation.document import storable
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Quat, Scalar, Vec3
@@ -65,6 +66,7 @@ class AerodynamicTorque(eqx.Module):
     def __repr__(self) -> str:
         return shown(self, centre="m", area="m²", density="kg/m³", velocity="m/s")
 
+    @on_one_device
     def __call__(self, t: Scalar, quaternion: Quat, rate: Vec3) -> Vec3:
         """Return the torque (3,) [N m] in body axes at the attitude `quaternion`; `rate` has no effect."""
         quaternion = as_float(quaternion)

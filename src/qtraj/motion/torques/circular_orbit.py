@@ -9,6 +9,7 @@ from jaxtyping import Array
 
 from qtraj.algebra.vector import norm
 from qtraj.foundation.arrays import concrete, one_instant, real_scalar, real_vector, require_positive
+from qtraj.foundation.devices import on_one_device
 from qtraj.foundation.document import storable
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike, Vec3
@@ -46,6 +47,7 @@ class CircularOrbit(eqx.Module):
     normal: Vec3
     mu: Scalar
 
+    @on_one_device
     def __init__(
         self,
         radius: ArrayInput,
@@ -69,6 +71,7 @@ class CircularOrbit(eqx.Module):
         """The angular rate n [rad/s]."""
         return jnp.sqrt(self.mu / self.radius**3)
 
+    @on_one_device
     def __call__(self, t: ScalarLike) -> Vec3:
         """Return the position (3,) [m] at the time `t` [s]."""
         t = one_instant(t)

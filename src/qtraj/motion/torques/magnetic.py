@@ -5,6 +5,7 @@ import jax.numpy as jnp
 
 from qtraj.algebra.quaternion import conjugate, rotate
 from qtraj.foundation.arrays import as_float
+from qtraj.foundation.devices import on_one_device
 from qtraj.foundation.document import storable
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import Quat, Scalar, Vec3
@@ -40,6 +41,7 @@ class MagneticDipole(eqx.Module):
     def __repr__(self) -> str:
         return shown(self, dipole="A m²", field="T")
 
+    @on_one_device
     def __call__(self, t: Scalar, quaternion: Quat, rate: Vec3) -> Vec3:
         """Return the torque (3,) [N m] in body axes."""
         quaternion = as_float(quaternion)
