@@ -19,6 +19,12 @@ GUARD = (
     "workers=0 to compute in this process"
 )
 
+LOST = "5 min"
+"""Time after which a worker that ended and has not started again is given up: on a busy machine a start takes long."""
+
+RESTARTS = 10.0
+"""Interval [s] at which workers are started instead of those that were given up."""
+
 ENVIRONMENT = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
@@ -35,9 +41,14 @@ def local_client(workers: int | None) -> Iterator[Any]:
     import dask.config
     from distributed import Client, LocalCluster
 
-    settings = {"distributed.scheduler.allowed-failures": ATTEMPTS, "distributed.admin.low-level-log-length": 0}
+    count = workers or CORES
+    settings = {
+        "distributed.scheduler.allowed-failures": ATTEMPTS,
+        "distributed.admin.low-level-log-length": 0,
+        "distributed.deploy.lost-worker-timeout": LOST,
+    }
     options: dict[str, Any] = {
-        "n_workers": workers or CORES,
+        "n_workers": count,
         "threads_per_worker": 1,
         "processes": True,
         "dashboard_address": None,
@@ -49,8 +60,21 @@ def local_client(workers: int | None) -> Iterator[Any]:
             cluster = LocalCluster(**options)
         except RuntimeError as error:
             raise RuntimeError(GUARD) from error
-        with cluster, Client(cluster) as client:
+        with cluster, Client(cluster) as client, _kept(cluster, count):
             yield client
+
+
+@contextmanager
+def _kept(cluster: Any, count: int) -> Iterator[None]:
+    """Keep the number of workers; a Dask cluster alone does not replace those that it gives up."""
+    from tornado.ioloop import PeriodicCallback
+
+    again = PeriodicCallback(lambda: cluster.scale(count), 1e3 * RESTARTS)
+    cluster.loop.add_callback(again.start)
+    try:
+        yield
+    finally:
+        cluster.loop.add_callback(again.stop)
 
 
 def _in_child() -> bool:
