@@ -167,3 +167,19 @@ def test_a_script_without_a_main_guard_is_told_so(tmp_path):
     assert ended.returncode == 1
     assert "RuntimeError: the workers of a sweep could not start. If this is a script" in ended.stderr
     assert Path(tmp_path / "out").exists()
+
+
+def test_workers_that_are_given_up_are_replaced(tmp_path):
+    """A Dask cluster alone closes the supervisor of a worker that stays away, and then waits forever."""
+    script = """
+    from qtraj.sweeps import local_cluster
+
+    if __name__ == "__main__":
+        local_cluster.RESTARTS = 0.2
+        with local_cluster.local_client(1) as client:
+            client.cluster.sync(client.cluster.workers[0].close)
+            del client.cluster.workers[0]
+            print(client.submit(sum, [1, 2]).result(timeout=120))
+    """
+    ended = run(script, tmp_path)
+    assert ended.stdout == "3\n", ended.stderr
