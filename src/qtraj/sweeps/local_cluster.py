@@ -19,7 +19,7 @@ GUARD = (
     "workers=0 to compute in this process"
 )
 
-LOST = "5 min"
+LOST = "5 minutes"
 """Time after which a worker that ended and has not started again is given up: on a busy machine a start takes long."""
 
 RESTARTS = 10.0
