@@ -391,6 +391,16 @@ def test_regions_limit_timings_and_routes():
 
 
 @pytest.mark.parametrize("form", ["toml", "json"])
+@pytest.mark.parametrize("pair", [(None, 2.0), (-3.0, None), (qt.Along([0.0, 9.0], [-3.0, -2.0]), None)])
+def test_limits_on_one_side_are_stored(tmp_path, form, pair):
+    given = qt.Limits(longitudinal_acceleration=pair)
+    document.save(given, tmp_path / f"limits.{form}")
+    found = qt.load(tmp_path / f"limits.{form}")
+    assert jax.tree.structure(found) == jax.tree.structure(given)
+    jax.tree.map(np.testing.assert_array_equal, found, given)
+
+
+@pytest.mark.parametrize("form", ["toml", "json"])
 @pytest.mark.parametrize("values", [(8.3, 12.0), (8.3, None), ((2.0, 8.3), (None, 12.0)), ((1.0, 2.0), None)])
 def test_regions_are_stored(tmp_path, form, values):
     given = qt.Limits(speed=qt.Regions([([(0, 0), (9, 0), (9, 9)], values[0])], values[1]))

@@ -14,8 +14,8 @@ from qtraj.design.timing.pieces import proved_in_pieces
 from qtraj.design.timing.retimed_cells import cells_of
 from qtraj.design.timing.retimed_maxima import Limited
 from qtraj.design.timing.sources import source
+from qtraj.design.timing.timing import RetimedPath, Timing
 from qtraj.design.varying import on_path
-from qtraj.path.distances import distances
 
 LIMITS = qt.Limits(speed=12.0, lateral_acceleration=3.0, longitudinal_acceleration=2.0)
 SAMPLES = 20001
@@ -123,29 +123,25 @@ def test_steps_without_a_limit():
     assert qt.certify(path, qt.Limits(speed=along.scaled(0.99))).status == {"speed": "broken"}
 
 
-def test_pieces_are_divided_in_order():
+def test_halves_are_dyadic_and_in_order():
     found = pieces.Pieces(np.arange(3), np.zeros(3), np.ones(3))
-    found, _ = found.divided(np.array([False, True, False]), np.full(3, 0.5))
-    found, index = found.divided(np.array([False, False, True, False]), np.array([0.5, 0.25, 0.625, 0.5]))
+    found, _ = found.halved(np.array([False, True, False]))
+    found, index = found.halved(np.array([False, False, True, False]))
     assert index.tolist() == [0, 1, 2, 2, 3]
     assert found.cell.tolist() == [0, 1, 1, 1, 2]
-    assert found.start.tolist() == [0.0, 0.0, 0.5, 0.625, 0.0]
-    assert found.end.tolist() == [1.0, 0.5, 0.625, 1.0, 1.0]
+    assert found.start.tolist() == [0.0, 0.0, 0.5, 0.75, 0.0]
+    assert found.end.tolist() == [1.0, 0.5, 0.75, 1.0, 1.0]
 
 
-@pytest.mark.parametrize("index", range(4))
-def test_steps_where_the_speed_is_largest_are_decided(index):
-    """The largest speed of a zone is at its end, where the next zone has a higher limit: 4e-9 of the length decide."""
-    path = retimed(index)
-    on = distances(path.path)
-    s, speed = sampled(path, "speed")
-    rising = np.flatnonzero((np.diff(speed) > 1e-5 * speed.max()) & (speed[1:] >= np.maximum.accumulate(speed)[1:]))
-    border = float(s[rising[rising.size // 2]])
-    for wider, status in ((4e-9, "proved"), (-4e-9, "broken")):
-        t = path.timing.times_of(on.parameters(np.array([border + wider * on.length])))
-        most = float(qt.evaluate(path, t, ["speed"]).speed[0])
-        along = qt.Along([0.0, border], [most, 2 * speed.max()])
-        assert qt.certify(path, qt.Limits(speed=along)).status == {"speed": status}
+def test_a_contact_beside_a_step_is_decided_exactly():
+    """The largest speed is 3 exactly, or more by one rounding error."""
+    rng = np.random.default_rng(1)
+    for duration, place in zip(rng.uniform(1.0, 2.0, 12), rng.uniform(0.37, 0.45, 12), strict=True):
+        path, along = qt.SpiralHelix([20.0, 3.0], [0.3], [0.0], duration), [0.0, 3 * duration * place]
+        for first, status in ((0.9375, "proved"), (np.nextafter(0.9375, 1.0), "broken")):
+            timing = Timing(np.array([[first, 0.5, -1.0, 0.0]]), np.array([0.0, duration]), np.zeros(2, bool))
+            found = qt.certify(RetimedPath(path, timing), qt.Limits(speed=qt.Along(along, [3.0, 2.98])))
+            assert found.status == {"speed": status}
 
 
 @pytest.mark.parametrize("index", [0, 1])

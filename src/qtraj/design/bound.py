@@ -37,8 +37,8 @@ OneBound = Scalar | Changing | Ellipse
 class Sides(eqx.Module):
     """The lower and the upper bound on a signed value; at most one of them is None."""
 
-    lower: OneBound | None
-    upper: OneBound | None
+    lower: OneBound | None = None
+    upper: OneBound | None = None
 
     def __iter__(self) -> Iterator[OneBound | None]:
         return iter((self.lower, self.upper))

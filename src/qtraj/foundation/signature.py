@@ -23,10 +23,13 @@ def accepts(function: Callable[..., Any], count: int) -> bool:
     return True
 
 
-def require_options(call: str, options: dict[str, Any], function: Callable[..., Any]) -> None:
+def require_options(call: Callable[..., Any], options: dict[str, Any], function: Callable[..., Any]) -> None:
     """Raise a TypeError in the name of `call` for options that `function`, to which it passes them, does not have."""
-    known = list(inspect.signature(function).parameters)
+    named = inspect.signature(call).parameters
+    known = [name for name in inspect.signature(function).parameters if name not in named]
     if unknown := [name for name in options if name not in known]:
+        own = [name for name, x in named.items() if x.kind is not inspect.Parameter.VAR_KEYWORD]
         raise TypeError(
-            f"{call}() got an unexpected keyword argument {unknown[0]!r}; {suggestion(unknown[0], known, 'arguments')}"
+            f"{call.__name__}() got an unexpected keyword argument {unknown[0]!r}; "
+            f"{suggestion(unknown[0], [*own, *known], 'arguments')}"
         )

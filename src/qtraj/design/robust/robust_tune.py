@@ -89,7 +89,7 @@ def robust_tune(
         >>> round(float(found.sampled_share), 2)
         0.99
     """
-    require_options("robust_tune", options, tune)
+    require_options(robust_tune, options, tune)
     if isinstance(spread, Box):
         _require_one(start, end)
         if (share, samples, seed) != (0.99, 8192, 0):

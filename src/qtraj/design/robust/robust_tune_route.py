@@ -68,7 +68,7 @@ def robust_tune_route(
     """
     require_type(route, Route, "route", "a Route, such as the path of fit_route")
     require_limits(limits)
-    require_options("robust_tune_route", options, tune_route)
+    require_options(robust_tune_route, options, tune_route)
     require_share("robust_tune_route", limits, spread, share, samples, seed)
     if route.progress is not None:
         raise ValueError("robust_tune_route needs a route without stops: pass a window between two stops")

@@ -2,11 +2,9 @@
 
 On a cell, the proof is about a line that is nowhere less strict than the limit (see `varying`). Where the limit bends
 or changes in steps within a cell, the line is a constant, so that the proof may fail although the limit is satisfied.
-Such cells are divided next to the steps, and then halved, until the lines are close to the limit, or until a sample
-violates the limit itself.
+Such cells are halved until the lines are close to the limit, or until a sample violates the limit itself.
 """
 
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,9 +27,6 @@ ACCURATE, HALVINGS, MOST = 1e-7, 16, 2**13
 """Cells are halved, at most `HALVINGS` times, until lines approximate the limits to this relative accuracy. From the
 number `MOST` of parts on, no cell is halved."""
 
-BESIDE, FINE = 1.25, 2.0**-30
-"""Cells are divided at this multiple of the uncertainty of distances before and after a step, at dyadic places."""
-
 LEAST = 2.0**-40
 """Smallest half length of a piece that is halved, relative to its segment; so the ends of pieces are exact floats."""
 
@@ -45,17 +40,12 @@ class Pieces(NamedTuple):
     start: Float[np.ndarray, " pieces"]
     end: Float[np.ndarray, " pieces"]
 
-    def divided(
-        self, chosen: Bool[np.ndarray, " pieces"], at: Float[np.ndarray, " pieces"]
-    ) -> tuple["Pieces", Int[np.ndarray, " more"]]:
-        """Return the pieces with the chosen ones divided, in the same order, and the index of each in these pieces.
-
-        `at` are the places of the divisions in their cells.
-        """
+    def halved(self, chosen: Bool[np.ndarray, " pieces"]) -> tuple["Pieces", Int[np.ndarray, " more"]]:
+        """Return the pieces with the chosen ones halved, in the same order, and the index of each in these pieces."""
         index = np.repeat(np.arange(chosen.size), 1 + chosen)
         cell, start, end = (x[index] for x in self)
         second = np.flatnonzero(np.append(False, index[1:] == index[:-1]))
-        start[second] = end[second - 1] = at[index[second]]
+        start[second] = end[second - 1] = 0.5 * (start[second] + end[second])
         return Pieces(cell, start, end), index
 
     def of(self, grid: Grid) -> Grid:
@@ -77,14 +67,14 @@ def proved_in_pieces(limited: Limited, polynomials: Source) -> tuple[Limited, Co
     pieces = Pieces(np.arange(count), np.zeros(count), np.ones(count))
     codes, rough = problem.judged(pieces, tuple(limited.bounds))
     for _ in range(HALVINGS):
-        unproved = rough & (codes != PROVED) & problem.divisible(pieces)
+        unproved = rough & (codes != PROVED) & (pieces.of(limited.cells.grid).half > LEAST)
         for name in problem.changing:
             row = unproved[NAMES.index(name)]
             row &= not problem.violated(pieces.part(row), name)
         chosen = unproved.any(axis=0)
         if not chosen.any() or chosen.size > MOST:
             break
-        pieces, index = pieces.divided(chosen, problem.divisions(pieces))
+        pieces, index = pieces.halved(chosen)
         codes, rough = codes[:, index], rough[:, index]
         names = tuple(name for name in problem.changing if unproved[NAMES.index(name)].any())
         new = chosen[index]
@@ -130,40 +120,6 @@ class _Problem:
         codes, changes = prove_on_road(self._polynomials, grid, timing, bounds, vehicle, (low, high), place)
         rough[[NAMES.index(name) for name in ON_ROAD if name in bounds]] |= changes
         return np.where(stricter & (codes == BROKEN), UNDECIDED, codes), rough
-
-    def divisible(self, pieces: Pieces) -> Bool[np.ndarray, " pieces"]:
-        """Return which pieces are long enough to be divided; in shorter ones the distance of a step is uncertain."""
-        long = pieces.of(self._limited.cells.grid).half > LEAST
-        on = next((x.on for x in self._limited.bounds.values() if isinstance(x, Varying)), None)
-        if on is None:
-            return long
-        low, high = (on.at(_parameters(self._limited, pieces.cell, x)) for x in pieces[1:])
-        return long & (high - low > 2 * (BESIDE + 1) * on.uncertainty)
-
-    def divisions(self, pieces: Pieces) -> Float[np.ndarray, " pieces"]:
-        """Return the places at which pieces are divided: next to a step that they contain, otherwise in the middle."""
-        at = 0.5 * (pieces.start + pieces.end)
-        for cell, place in self._steps:
-            inside = (pieces.cell == cell) & (pieces.start < place) & (place < pieces.end)
-            at = np.where(inside, place, at)
-        return at
-
-    @cached_property
-    def _steps(self) -> list[tuple[int, float]]:
-        """Return the cells and the dyadic places next to the steps of limits, of which the distances are uncertain."""
-        knots, columns = np.asarray(self._limited.path.timing.knots), self._limited.cells.columns
-        found = []
-        for bound in (self._limited.bounds[name] for name in self.changing):
-            if not isinstance(bound, Varying) or bound.along.kind != "step":
-                continue
-            for side, rounded in ((-1, np.floor), (1, np.ceil)):
-                u = bound.on.parameters(bound.changes() + side * BESIDE * bound.on.uncertainty)
-                at = np.clip(np.searchsorted(knots, u, side="right") - 1, 0, knots.size - 2)
-                place = rounded((u - knots[at]) / (knots[at + 1] - knots[at]) / FINE) * FINE
-                cell = np.searchsorted(columns, at)
-                kept = (cell < columns.size) & (columns[np.minimum(cell, columns.size - 1)] == at)
-                found += zip(cell[kept].tolist(), place[kept].tolist(), strict=True)
-        return found
 
     def violated(self, pieces: Pieces, name: str) -> bool:
         """Return whether a sample on one of the pieces violates a limit."""

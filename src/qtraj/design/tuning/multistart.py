@@ -89,14 +89,16 @@ def solve(
 
     If no search from a planned start satisfies the limits of a problem, "sqp" minimises the violation from these starts
     and from slow paths, each in at most `VIOLATION_STEPS` times `max_steps` steps. If the limits are then satisfied,
-    the objective is minimised from the resulting points. If no search at all satisfies the limits, the same is done
-    from all other starts. So more starts, and first steps of an optimiser, never give a worse result than the planned
+    the objective is minimised from the resulting points. If still no search satisfies the limits, the same is done from
+    all other starts. So more starts, and first steps of an optimiser, never give a worse result than the planned
     starts alone.
     """
     count = searches.count
     if posed is not None and not posed.all():
         index = np.flatnonzero(posed) if posed.any() else np.arange(1)  # one gives the shapes
         some = solve(method, searches.take(index), starts, max_steps if posed.any() else 0, report)
+        if not posed.any():
+            some = some._replace(steps=np.zeros_like(some.steps), starts=np.zeros_like(some.starts))
         return some.among(index, count)
     points, planned = _points(searches, starts)
     starts = points.shape[2]
@@ -107,21 +109,21 @@ def solve(
     result = ends.take(_best(ends, count))
     first = ends.take(np.arange(ends.cost.size).reshape(count, -1)[:, :planned].ravel())
     first = first.take(_best(first, count))
-    tried = np.full(count, starts)
+    best, tried = ends.take(_best(ends, count)), np.full(count, starts)
 
     def rescue(failed: np.ndarray, ends: Ends, points: np.ndarray) -> None:
         found = _rescued(method, searches.take(failed), ends.take(failed), points, max_steps, report)
         better = _merit(found) < _merit(result.take(failed))
         result.put(failed[better], found.take(better))
 
-    all_failed = np.flatnonzero(~(result.largest <= FEASIBLE))
     failed = np.flatnonzero(~(first.largest <= FEASIBLE))
     if failed.size:
         slow = np.repeat(_changes(searches.problem.names, SLOW).T[:, None], failed.size, axis=1)
         rescue(failed, first, np.concatenate([points[:, failed, :planned], slow], axis=2))
         tried[failed] += len(SLOW)
-    if all_failed.size and starts > planned:
-        rescue(all_failed, result, points[:, all_failed, planned:])
+    failed = np.flatnonzero(~(result.largest <= FEASIBLE))
+    if failed.size and starts > planned:
+        rescue(failed, best, points[:, failed, planned:])
     return with_active(searches, result, tried)
 
 

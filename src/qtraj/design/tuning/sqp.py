@@ -60,7 +60,7 @@ a narrow peak has an enormous second derivative, a step is small although the po
 
 PROGRESS, LEAST_PROGRESS, PATIENCE = 1e-4, 0.01, 60
 """A search without progress in the last number of steps ends without convergence. Progress is a step of at least the
-first size or, while limits are violated, a decrease of the largest constraint value by at least the second part."""
+first size; while limits are violated, it is a decrease of the largest constraint value by at least the second part."""
 
 STATIONARY = 1e-6
 """Tolerance on the same gradient, if the predicted decrease is within the rounding error."""
