@@ -27,6 +27,10 @@ ACCURATE, HALVINGS, MOST = 1e-7, 16, 2**13
 """Cells are halved, at most `HALVINGS` times, until lines approximate the limits to this relative accuracy. From the
 number `MOST` of parts on, no cell is halved."""
 
+AT_STEPS, SHORT = 24, 0.25
+"""Then cells with a step of a limit are halved, at most `AT_STEPS` more times, until they are shorter than the part
+`SHORT` of the uncertainty of distances, within which the stricter value holds."""
+
 LEAST = 2.0**-40
 """Smallest half length of a piece that is halved, relative to its segment; so the ends of pieces are exact floats."""
 
@@ -66,8 +70,10 @@ def proved_in_pieces(limited: Limited, polynomials: Source) -> tuple[Limited, Co
     count = limited.cells.columns.size
     pieces = Pieces(np.arange(count), np.zeros(count), np.ones(count))
     codes, rough = problem.judged(pieces, tuple(limited.bounds))
-    for _ in range(HALVINGS):
+    for k in range(HALVINGS + AT_STEPS):
         unproved = rough & (codes != PROVED) & (pieces.of(limited.cells.grid).half > LEAST)
+        if k >= HALVINGS and unproved.any():
+            unproved &= problem.at_steps(pieces)
         for name in problem.changing:
             row = unproved[NAMES.index(name)]
             row &= not problem.violated(pieces.part(row), name)
@@ -120,6 +126,18 @@ class _Problem:
         codes, changes = prove_on_road(self._polynomials, grid, timing, bounds, vehicle, (low, high), place)
         rough[[NAMES.index(name) for name in ON_ROAD if name in bounds]] |= changes
         return np.where(stricter & (codes == BROKEN), UNDECIDED, codes), rough
+
+    def at_steps(self, pieces: Pieces) -> Bool[np.ndarray, "limits pieces"]:
+        """Return the pieces in which a limit changes in a step, and which are longer than the distance is uncertain."""
+        found = np.zeros((len(NAMES), pieces.cell.size), bool)
+        for name in self.changing:
+            bound = self._limited.bounds[name]
+            if isinstance(bound, Varying) and bound.along.kind == "step":
+                on, steps = bound.on, np.sort(bound.changes())
+                low, high = (on.at(_parameters(self._limited, pieces.cell, x)) for x in pieces[1:])
+                near = [np.searchsorted(steps, x) for x in (low - on.uncertainty, high + on.uncertainty)]
+                found[NAMES.index(name)] = (near[1] > near[0]) & (high - low > SHORT * on.uncertainty)
+        return found
 
     def violated(self, pieces: Pieces, name: str) -> bool:
         """Return whether a sample on one of the pieces violates a limit."""
