@@ -9,9 +9,10 @@ import numpy as np
 from .exact_motion import DIGITS, FLOATS
 
 SAMPLES, ZOOM, STEPS = 1501, 65, 40
-NEAR, CLOSE, REFINED = 1e-4, 1e-6, 3
-"""Local maxima of the samples that are lower than the largest one by more than `NEAR` of the range are ignored, and so
-are those that are lower by more than `CLOSE` among denser samples. At most `REFINED` are refined."""
+MOST, REFINED = 50, 3
+"""Largest numbers of local maxima about which the samples are denser, and of those that are refined. A local maximum is
+considered only if the function could reach the largest sample next to it. It exceeds a sample at most by about the
+larger difference to its neighbours, also where it has a kink."""
 
 
 class Span(NamedTuple):
@@ -24,37 +25,46 @@ class Span(NamedTuple):
 
 def largest(spans: Sequence[Span], value: Callable[..., Any], side: int = 1, precise: bool = True) -> Any:
     """Return the largest value times `side` of a function of the piece k, x and the arithmetic."""
-    tops, low = [], np.inf
-    for span in spans:
-        x = np.linspace(span.start, span.end, SAMPLES)
-        y = side * value(span.k, x, FLOATS)
-        low = min(low, float(y.min()))
-        padded = np.concatenate([[-np.inf], y, [-np.inf]])
-        peaks = np.flatnonzero((y >= padded[:-2]) & (y >= padded[2:]))
-        tops += [(float(y[j]), span.k, float(x[max(j - 1, 0)]), float(x[min(j + 1, SAMPLES - 1)])) for j in peaks]
-    high = max(top[0] for top in tops)
+    tops = [top for span in spans for top in _tops(value, side, span, SAMPLES)]
     if not precise:
-        return high
-    near = sorted((top for top in tops if top[0] >= high - NEAR * (high - low)), reverse=True)
-    zoomed = sorted((_zoomed(value, side, *top[1:]) for top in near[:50]), reverse=True)
-    close = [top for top in zoomed[:REFINED] if top[0] >= zoomed[0][0] - CLOSE * (high - low)]
-    return max(_refined(value, side, *top[1:]) for top in close)
+        return max(top.value for top in tops)
+    denser = [max(_tops(value, side, top.span, ZOOM), key=lambda x: x.reach) for top in _highest(tops, MOST)]
+    return max(_refined(value, side, top.span) for top in _highest(denser, REFINED))
 
 
-def _zoomed(value: Any, side: int, k: int, start: float, end: float) -> tuple[float, int, float, float]:
-    x = np.linspace(start, end, ZOOM)
-    y = side * value(k, x, FLOATS)
-    j = int(np.argmax(y))
-    return float(y[j]), k, float(x[max(j - 1, 0)]), float(x[min(j + 1, ZOOM - 1)])
+class _Top(NamedTuple):
+    """A local maximum of samples: what the function could reach, the sample, and the part between its neighbours."""
+
+    reach: float
+    value: float
+    span: Span
 
 
-def _refined(value: Any, side: int, k: int, start: float, end: float) -> Any:
+def _tops(value: Any, side: int, span: Span, count: int) -> list[_Top]:
+    x = np.linspace(span.start, span.end, count)
+    y = side * value(span.k, x, FLOATS)
+    rise = np.diff(y)
+    before, after = np.append(0.0, rise), np.append(-rise, 0.0)
+    reach = y + np.maximum(before, after)
+    return [
+        _Top(float(reach[j]), float(y[j]), Span(span.k, float(x[max(j - 1, 0)]), float(x[min(j + 1, count - 1)])))
+        for j in np.flatnonzero((before >= 0) & (after >= 0))
+    ]
+
+
+def _highest(tops: list[_Top], count: int) -> list[_Top]:
+    """Return the local maxima in which the function could be largest, at most `count`, starting with the highest."""
+    high = max(top.value for top in tops)
+    return sorted((top for top in tops if top.reach >= high), reverse=True)[:count]
+
+
+def _refined(value: Any, side: int, span: Span) -> Any:
     """Return the maximum of a function with one maximum, by golden sections."""
 
     def f(x: Any) -> Any:
-        return side * value(k, x, DIGITS)
+        return side * value(span.k, x, DIGITS)
 
-    low, high, ratio = mpmath.mpf(start), mpmath.mpf(end), (mpmath.sqrt(5) - 1) / 2
+    low, high, ratio = mpmath.mpf(span.start), mpmath.mpf(span.end), (mpmath.sqrt(5) - 1) / 2
     ends = f(low), f(high)
     a, b = high - ratio * (high - low), low + ratio * (high - low)
     x, y = f(a), f(b)

@@ -193,7 +193,8 @@ def zones_case(rng: np.random.Generator, path: Path) -> Case | None:
         upper = qt.Along(at, next(given) * weights[1], form) if known[1] else None
         return qt.Limits(**{name: (lower, upper)}, vehicle=CAR if name.startswith("steering") else None)
 
-    if name == "steering_angle" and 1.1 * max(np.max(f * w) for f, w in zip(least, weights, strict=True)) > np.pi / 2:
+    widest = 1.1 * max(np.max(f * w) for f, w in zip(least, weights, strict=True))
+    if (part := quantity(name).tangent_of) and widest > part * np.pi / 2:
         return None  # not the limit of an angle
     sides = tuple(x for x, own in zip(_sides(name), known, strict=True) if own)
     own = ([x for x, k in zip(ends, known, strict=True) if k] for ends in (least, most))

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from benchmarks import limits_against_sampling as limits, obstacles_against_sampling as obstacles
 from benchmarks.exact_motion import FLOATS, FORMULAS, Distances, Forms
+from benchmarks.extremes import Span, largest
 
 import qtraj as qt
 from qtraj.path.quantity import quantity
@@ -26,6 +27,18 @@ def test_formulas_are_those_of_evaluate(kind):
         np.testing.assert_allclose(formula(forms), table.values[outputs[name]], rtol=1e-9, atol=1e-11, err_msg=name)
     on = path.path.path if kind == "timing" else path.path
     assert Distances(path.pieces).length == pytest.approx(float(on.length()), rel=1e-9)
+
+
+def test_the_largest_value_may_be_at_a_kink_between_samples():
+    """The samples next to the kink are lower than the largest sample, which is at the smooth maximum."""
+
+    def value(k, x, arithmetic):
+        smooth, kink = -10 * (x - 0.75) ** 2, 1e-3 - 10 * abs(x - 300.5 / 1500)
+        return np.maximum(smooth, kink) if arithmetic is FLOATS else max(smooth, kink)
+
+    assert value(0, np.linspace(0.0, 1.0, 1501), FLOATS).argmax() > 750
+    with mpmath.workdps(50):
+        assert float(largest([Span(0, 0.0, 1.0)], value)) == pytest.approx(1e-3, abs=1e-12)
 
 
 @pytest.mark.parametrize("kind", limits.KINDS)

@@ -65,8 +65,8 @@ class Samples:
         own = np.minimum(-own, self.clearances(obstacle, own_at[None], near)[0])
         inside = np.flatnonzero(own < 0)  # inside a polygon the clearance has kinks, where parabolas are inaccurate
         if inside.size:
-            clearances = lambda u: self.clearances(obstacle, u, near[inside])  # noqa: E731
-            found_at, found = _narrowed(clearances, samples[:, near[inside]])
+            function = lambda u: self.clearances(obstacle, u, near[inside])  # noqa: E731
+            found_at, found = _narrowed(function, samples[:, near[inside]])
             lower = found < own[inside]
             own_at[inside[lower]], own[inside[lower]] = found_at[lower], found[lower]
         better = own <= values[near]
@@ -78,8 +78,8 @@ def _narrowed(function: Any, samples: np.ndarray) -> tuple[np.ndarray, np.ndarra
     """Return the fractions and values of minima, from values in narrower and narrower windows about local minima."""
     end = np.full_like(samples[:1], np.inf)
     low = (samples <= np.concatenate([end, samples[:-1]])) & (samples <= np.concatenate([samples[1:], end]))
-    at = GRID[np.argsort(np.where(low, samples, np.inf), axis=0)[:PEAKS]]
-    width, values = GRID[1], samples[:PEAKS]
+    first = np.argsort(np.where(low, samples, np.inf), axis=0)[:PEAKS]
+    at, values, width = GRID[first], np.take_along_axis(samples, first, axis=0), GRID[1]
     for _ in range(WINDOWS):
         u = np.clip(at[:, None] + width * WINDOW[:, None], 0.0, 1.0)
         found = function(u.reshape(-1, u.shape[2])).reshape(u.shape)

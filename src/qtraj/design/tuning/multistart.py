@@ -106,10 +106,11 @@ def solve(
     if method.refined_by is not None:
         method = method.refined_by
         ends = _refined(method, searches, ends, points[:, :, :planned], report)
-    result = ends.take(_best(ends, count))
+    chosen = _best(ends, count)
+    best, result = ends.take(chosen), ends.take(chosen)
     first = ends.take(np.arange(ends.cost.size).reshape(count, -1)[:, :planned].ravel())
     first = first.take(_best(first, count))
-    best, tried = ends.take(_best(ends, count)), np.full(count, starts)
+    tried = np.full(count, starts)
 
     def rescue(failed: np.ndarray, ends: Ends, points: np.ndarray) -> None:
         found = _rescued(method, searches.take(failed), ends.take(failed), points, max_steps, report)

@@ -204,5 +204,10 @@ class Tuned(AbstractOutcome):
             return f"{self.result}\n{self.certificate}"
         texts, names = np.ravel(self.status), [*STATUSES.values(), ILL_POSED_STATUS]
         counts = ", ".join(f"{np.sum(texts == name)} {name}" for name in names if name in texts)
-        starts = "" if self.starts_tried is None else f" from {extent(self.starts_tried)} starts each"
-        return f"{self.code.size} tunings{starts}: {counts}\n{self.certificate}"
+        return f"{self.code.size} tunings{self._starts_text()}: {counts}\n{self.certificate}"
+
+    def _starts_text(self) -> str:
+        if self.starts_tried is None:
+            return ""
+        noun = "start" if np.max(self.starts_tried, initial=0) == 1 else "starts"
+        return f" from {extent(self.starts_tried)} {noun} each"

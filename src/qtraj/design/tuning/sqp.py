@@ -258,15 +258,20 @@ def _next(searches: Searches, s: State, trial: _Trial) -> State:
     stationary = ends & ((largest <= FEASIBLE) | hopeless)
     enough = (searches.weight == 0) & (largest <= ENOUGH)
     size = np.where(accepted, size, s.size)
-    met = largest <= FEASIBLE
-    progress = np.where(met, size >= PROGRESS, largest < (1 - LEAST_PROGRESS) * s.least)
-    stalled = np.where(progress, 0, s.stalled + 1)
-    least = np.where(met, np.inf, np.minimum(s.least, largest))
+    least, stalled = _progress(s, largest, size)
     done = stationary | enough | (stalled >= PATIENCE) | ~(radius >= MIN_RADIUS)  # NaN also ends the search
     steps = s.steps + 1
     return State(
         z, cost, largest, radius, penalty, size, ~accepted, floor, lowered, least, stalled, steps, done, stationary
     )
+
+
+def _progress(s: State, largest: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the next `least` and `stalled` of the state."""
+    met = largest <= FEASIBLE
+    progress = np.where(met, size >= PROGRESS, largest < (1 - LEAST_PROGRESS) * s.least)
+    least = np.where(met, np.inf, np.minimum(s.least, largest))
+    return least, np.where(progress, 0, s.stalled + 1)
 
 
 def _penalty(
