@@ -19,7 +19,7 @@ from qtraj.design.robust.family import Family
 from qtraj.foundation.document import save
 
 START, END = qt.BoundaryState([20, 0, 0], [0, 6, 0]), qt.BoundaryState([0, 22, 1], [-6, 0, 0.2])
-BUS = qt.Vehicle(mass=9000.0)
+BUS, TRUCK = qt.Vehicle(mass=9000.0), qt.Vehicle(mass=9000.0, drag_area=5.0)
 ROUNDING = 1e-12
 
 
@@ -119,6 +119,8 @@ CASES = [
     (qt.Limits(longitudinal_acceleration=(None, 2.0)), qt.Box(start_speed=0.3)),
     (qt.Limits(friction=1.0, vehicle=BUS), qt.Box(start_speed=0.2, mass=(-100, 1000))),
     (qt.Limits(power=1e6, vehicle=BUS), qt.Box(end_speed=0.2, mass=(0, 1000))),
+    (qt.Limits(power=1e6, vehicle=TRUCK), qt.Box(start_speed=0.2, drag_area=(-2, 8))),
+    (qt.Limits(longitudinal_force=(None, 1e6), vehicle=TRUCK), qt.Box(drag_area=3)),
     (qt.Limits(height=(None, 3.0)), qt.Box(end_axial_position=0.3)),
     pytest.param(
         qt.Limits(curvature=0.1),
@@ -135,8 +137,6 @@ def test_a_limit_at_the_worst_sample_separates_proofs_from_counterexamples(path,
     rng = np.random.default_rng(3)
     unit = np.concatenate([rng.random((40, len(box.names))), rng.integers(0, 2, (40, len(box.names)))])
     samples = box.lowest + (box.highest - box.lowest) * unit
-    if "mass" in box.names:
-        samples[:, -1] = np.where(rng.random(80) < 0.5, *box.intervals["mass"])
     worst = float(problem.values(samples)[1].max())
     (name,) = limits.given()
 
@@ -275,7 +275,12 @@ def test_results_are_saved(path, tmp_path):
         (lambda: box_of(limits=qt.Limits(keep_out=[qt.Ball([0, 0, 0], 1.0)])), "omit keep_out"),
         (lambda: box_of(box=qt.Box(limits={"jerk": 1.0})), "no such limit"),
         (lambda: box_of(box=qt.Box(limits={"speed": 9.5})), "it must be positive"),
+        (lambda: qt.Box(wind=5.0), r"multiplies the drag by \(1 \+ w/v\)²"),
+        (lambda: qt.Box(gain=0.1), "sweep over simulations with random gains"),
         (lambda: box_of(box=qt.Box(mass=10.0)), "limits have no vehicle"),
+        (lambda: box_of(box=qt.Box(drag_area=1.0)), "the drag_area deviates, but limits have no vehicle"),
+        (lambda: box_of(qt.Limits(power=1e4, vehicle=TRUCK), qt.Box(drag_area=6.0)), "must stay 0 or more"),
+        (lambda: box_of(qt.Limits(power=1e4, vehicle=BUS), qt.Box(mass=1.0, drag_area=(0, 1))), "contains its inverse"),
         (
             lambda: box_of(qt.Limits(power=1e4, vehicle=qt.Vehicle(9e3, drag_area=6.0)), qt.Box(mass=10.0)),
             "air drag contains its inverse",
