@@ -57,7 +57,7 @@ class Deviating(Protocol):
 
 def satisfied(samples: Samples, paths: Deviating, spread: Spread) -> Bool[np.ndarray, " n"]:
     """Return for each sample whether all limits are satisfied on the whole path."""
-    vehicle = None if samples.vehicle is None else samples.vehicle * spread.vehicle
+    vehicle = None if samples.vehicle is None or not spread.vehicle.any() else samples.vehicle * spread.vehicle
     values = paths.largest(samples.states * spread.states, vehicle)
     bounds, sides, sigmas = bounds_of(paths.limits, spread)
     sampled = bounds + sigmas * samples.limits[:, : len(bounds)]
