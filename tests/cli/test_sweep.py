@@ -227,7 +227,7 @@ BAD = [
     (f"{TURN}[sweep]\nlimits.curvature = {{from = 1, to = 2, steps = 0}}\n", "the parameter 'limits.curvature': "),
     (f"{TURN}[sweep]\nlimits.curvature = {{from = 1, to = 2, steps = true}}\n", "the parameter 'limits.curvature': "),
     (f"{TURN}[sweep]\nlimits.curvature = {{from = 0, to = true, steps = 2}}\n", "the parameter 'limits.curvature': "),
-    (f"{TURN}[sweep]\nlimits.curvature = {{values = []}}\n", "the parameter 'limits.curvature': "),
+    (f"{TURN}[sweep]\nlimits.curvature = {{values = []}}\n", "the parameter 'limits.curvature': it has no values"),
     (f"{TURN}[sweep]\nlimits.curvature = {{values = [nan]}}\n", "must be finite, but value 0 is not"),
     (f"{TURN}[sweep]\nlimits.curvature = {{uniform = [2, 1]}}\n", "low must be less than high"),
     (f"{TURN}[sweep]\nlimits.curvature = {{normal = [2, 1]}}\n", "is random: pass the number of samples"),

@@ -87,6 +87,24 @@ def test_decisions_near_the_smallest_value(add, only_integers):
         assert (found.at[0] - found.at[1]) ** 2 + add < 0
 
 
+def test_floats_prove_nothing_that_is_slightly_violated():
+    """Below zero by a few rounding errors, or less than one, along a surface of the box."""
+    rng = np.random.default_rng(0)
+    for degree in rng.integers(2, 5, 20):
+        degrees = 2, int(degree)
+        points = np.array([(float(x), float(y)) for x in nodes(degrees[0]) for y in nodes(degrees[1])]).T
+        a, b, scale, depth = (float(x) for x in (*rng.random(2), *10.0 ** rng.uniform([-6, -19], [6, -12])))
+
+        def number(x, count=points.shape[1]):
+            return BoundedPolynomial.constant(np.full(count, x))
+
+        p, q = (BoundedPolynomial.constant(x) for x in points)
+        u = BoundedPolynomial(np.repeat([[0.0], [1.0]], points.shape[1], axis=1))
+        w = (u - number(a) * p) - number(b) * (q * q)
+        form = in_floats(number(scale) * (w * w) - number(depth * scale), degrees)
+        assert not decide(Claim(0), [form], lambda: None).proved
+
+
 def test_degrees_of_a_product():
     p, q = Degrees((1, 0)), Degrees((0, 1))
     assert (p * p * q - 3.0 * q + 1).exponents == (2, 1)
@@ -210,6 +228,10 @@ def test_an_undecided_limit_has_advice_of_its_own(path):
     found = BoxCertificate(["speed"], box, [UNDECIDED], [1.0], [[0.1]], [6.0], [6.0])
     assert found.status == {"speed": "undecided"}
     assert "divide the box" in found.result
+    assert "boxes of any size" not in found.result
+    wide = qt.Box(start_speed=0.1, end_speed=0.1)
+    long = BoxCertificate(["angular_acceleration"], wide, [UNDECIDED], [1.0], [[0.1, 0.1]], [6.0], [6.0])
+    assert "With 2 parameters, proofs of angular_acceleration can take too long in boxes of any size" in long.result
     assert "robust_tune" not in found.result
     broken = BoxCertificate(["speed"], box, [BROKEN], [1.0], [[0.1]], [7.0], [6.0])
     assert "robust_tune" in broken.result

@@ -141,7 +141,8 @@ def together(run: str, points: Together, **options: Any) -> Outputs:
 def _tuned_together(points: Together) -> Outputs:
     from qtraj.design.tuning.tune import tune
 
-    return results.of_tuned(tune(**points.task.tuning() | {"placement": points.placement}))
+    arguments: dict[str, Any] = points.task.tuning() | {"placement": points.placement}
+    return results.of_tuned(tune(**arguments))
 
 
 def _certified_together(points: Together) -> Outputs:

@@ -43,8 +43,8 @@ INSTEAD = {
     "radius": "the angular rate contains the inverse of the radius: give standard deviations in a Spread instead",
     "azimuth": "give standard deviations of the positions in a Spread instead",
     "drag": "pass drag_area, its deviation in m²",
-    "wind": "at the speed v, a headwind w multiplies the drag by (1 + w/v)²: pass a drag_area that contains this for the "
-    "lowest speed",
+    "wind": "at the speed v, a headwind w multiplies the drag by (1 + w/v)²: pass a drag_area that contains this for "
+    "the lowest speed",
     "gain": "gains belong to a closed loop, not to a path: sweep over simulations with random gains",
     "bank": "the bank enters by its cosine and sine: prove the limits for each bank",
 }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -120,7 +120,9 @@ class BoxClaims:
         of_integers: Callable[[Formulas], AnyClaim],
         strict: bool,
     ) -> BoxDecision:
-        known = Formulas(self.family.degrees(order, self.count), lambda x: self._no_degrees(), self._degrees_of_vehicle())
+        known = Formulas(
+            self.family.degrees(order, self.count), lambda x: self._no_degrees(), self._degrees_of_vehicle()
+        )
         claim = of_degrees(known)
         each = [x.exponents if isinstance(x, Degrees) else (0,) * self.count for x in claim.polynomials]
         degrees = tuple(max(column) for column in zip(*each, strict=True)) if self.count else ()
@@ -162,7 +164,7 @@ class BoxClaims:
     def _no_degrees(self) -> Degrees:
         return Degrees((0,) * self.count)
 
-    def _at(self, fractions: Sequence[Any]) -> dict[str, Any]:
+    def _at(self, fractions: Any) -> dict[str, Any]:
         """Return the numbers of the vehicle at fractions of their intervals."""
         return {name: x.at(s) for (name, x), s in zip(self.intervals.items(), fractions, strict=True)}
 

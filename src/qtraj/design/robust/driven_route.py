@@ -73,7 +73,9 @@ class DrivenRoute(NamedTuple):
         """Return the largest values on a segment whose coefficients change, for deviations of the vehicle."""
         if len(change) > 1 and deviations is None and not change.any():
             return np.repeat(self._values(row, change[:1], None), len(change), axis=0)
-        vehicle: Any = self.limits.vehicle if deviations is None else deviating(self.limits.vehicle, deviations)
+        vehicle: Any = self.limits.vehicle
+        if deviations is not None:
+            vehicle = deviating(vehicle, deviations)
         count = len(change)
         same = self.segments.part(np.full(count, row))
         coefficients = np.zeros((count, max(6, same.coefficients.shape[1]), 3))

@@ -71,7 +71,15 @@ class Spread(eqx.Module):
             )
 
     def __repr__(self) -> str:
-        return shown(self, start_position="m", start_velocity="m/s", end_position="m", end_velocity="m/s", mass="kg", drag_area="m²")
+        return shown(
+            self,
+            start_position="m",
+            start_velocity="m/s",
+            end_position="m",
+            end_velocity="m/s",
+            mass="kg",
+            drag_area="m²",
+        )
 
     _repr_html_ = shown_html
 

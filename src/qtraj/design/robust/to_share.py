@@ -79,7 +79,7 @@ def tuned_to_share(
     """
     from scipy.special import ndtri  # imported here, so that `import qtraj` does not import SciPy
 
-    points = samples_of(samples, len(limits.given()), seed, spread.vehicle.any())
+    points = samples_of(samples, len(limits.given()), seed, bool(spread.vehicle.any()))
     wanted = float(ndtri(share))
     tuned, tight, factor, rounds = solve(limits), limits, 0.0, 1
     sigmas, slope, before = np.zeros(0), 1.0, (0.0, 0.0)
@@ -113,8 +113,8 @@ def _outcome(
 def _sigmas(paths: Deviating, spread: Spread) -> Float[np.ndarray, " k"]:
     """Return the standard deviations of the distances of the largest values from their limits, to first order.
 
-    Each component of the states and of the vehicle changes by one standard deviation in both directions; the larger increase counts, which
-    is right also if two maxima of a quantity have almost the same value.
+    Each component of the states and of the vehicle changes by one standard deviation in both directions; the larger
+    increase counts, which is right also if two maxima of a quantity have almost the same value.
     """
     sizes = np.concatenate([spread.states, spread.vehicle])
     steps = np.diag(sizes)[sizes > 0]

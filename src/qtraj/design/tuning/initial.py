@@ -23,7 +23,6 @@ from qtraj.path.boundary_problem import directed_turn, whole_turns
 from qtraj.path.placement import Placement
 from qtraj.path.spiral_helix import SpiralHelix
 
-
 ANY_LIMIT = Limits(speed=1.0)
 """The checks require a limit, but the initial path does not depend on limits."""
 
