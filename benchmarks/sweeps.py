@@ -379,11 +379,12 @@ def main(arguments):
     given = parser.parse_args(arguments)
     if given.alone:
         return alone(given.alone[0], int(given.alone[1]))
+    few_tunings = min(max(given.tunings // 10, 5000), given.tunings)  # some shards for each worker
     measurements = {
         "memory": lambda: flat("memory", min(given.few, given.points), given.points),
         "tunings": lambda: flat("tunings", max(given.tunings // 10, 1), given.tunings),
         "command": lambda: command_line("evaluate", min(given.few, given.points), given.points, 2**14),
-        "command_tunings": lambda: command_line("tune", max(given.tunings // 10, 1), given.tunings, 512),
+        "command_tunings": lambda: command_line("tune", few_tunings, given.tunings, 512),
         "overhead": overhead,
         "kills": lambda: interrupted("kills", lambda x: killed_sweep(x, given.workers, given.clients, given.shards)),
         "schedulers": lambda: interrupted("schedulers", lambda x: killed_schedulers(x, given.clients, given.shards)),
