@@ -1,6 +1,6 @@
 """Check robust tunings by random samples: the stated shares, and the proofs over boxes.
 
-    python -m benchmarks.robust                     10⁶ samples on each of ten problems; this takes many minutes
+    python -m benchmarks.robust                     10⁶ samples on each of twelve problems; this takes many minutes
     python -m benchmarks.robust --samples 20000     fewer samples
     python -m benchmarks.robust box --samples 20000 only the proofs; `spread`: only the shares
 
@@ -26,7 +26,7 @@ RANGE, CONSERVATIVE = (0.987, 0.993), 0.97
 
 START, END = qt.BoundaryState([20, 0, 0], [0, 6, 0]), qt.BoundaryState([0, 22, 1], [-6, 0, 0.2])
 WIDE = qt.BoundaryState([30, 0, 0], [0, 8, 0]), qt.BoundaryState([0, 26, 0], [-8, 0.5, 0])
-BUS = qt.Vehicle(mass=9000.0)
+BUS, COACH = qt.Vehicle(mass=9000.0), qt.Vehicle(mass=9000.0, drag_area=5.0)
 
 SPREADS = {
     "lateral acceleration": (
@@ -46,6 +46,11 @@ SPREADS = {
         qt.Spread(start_velocity=0.05, limits={"friction": 0.01}),
     ),
     "wide turn": (WIDE, qt.Limits(curvature=1 / 24, lateral_acceleration=2.2), qt.Spread(0.2, 0.1, 0.2, 0.1)),
+    "mass and drag by wind, uncertain": (
+        (START, END),
+        qt.Limits(lateral_force=13.5e3, power=20e3, vehicle=COACH),
+        qt.Spread(start_velocity=0.05, mass=300.0, drag_area=2.0),
+    ),
 }
 BOXES = {
     "speeds at both ends": (
@@ -68,6 +73,11 @@ BOXES = {
         qt.Limits(yaw_rate=0.28, curvature=1 / 18),
         qt.Box(end_speed=0.3, end_radial_speed=0.2),
     ),
+    "speed, drag by wind": (
+        (START, END),
+        qt.Limits(power=19e3, longitudinal_force=(None, 4e3), vehicle=COACH),
+        qt.Box(start_speed=0.2, drag_area=(-2, 8)),
+    ),
     "wide turn": (
         WIDE,
         qt.Limits(curvature=1 / 24, lateral_acceleration=2.2),
@@ -82,7 +92,7 @@ def share_of(states, limits, spread, count):
     paths, rng, good = driven(found.tuned, limits), np.random.default_rng(1), 0
     for first in range(0, count, BLOCK):
         n = min(BLOCK, count - first)
-        samples = Samples(rng.standard_normal((n, 12)), rng.standard_normal((n, len(limits.given()))))
+        samples = Samples(*(rng.standard_normal((n, k)) for k in (12, len(limits.given()), 2)))
         good += int(satisfied(samples, paths, spread).sum())
     return found, good / count
 
@@ -99,30 +109,33 @@ def worst_of(states, limits, box, count):
         unit = rng.random((n, len(box.names)))
         at_end = (rng.random(unit.shape) < 0.7) & (np.arange(n) < n // 10)[:, None]
         unit = np.where(at_end, np.round(unit), unit)
-        if "mass" in box.names:  # the values for one mass are computed together
-            unit[:, -1] = np.round(16 * unit[:, -1]) / 16
         values = problem.values(box.lowest + (box.highest - box.lowest) * unit)[1]
         worst = np.maximum(worst, values.max(axis=0))
     bounds = [float(x) for x in problem.limits.given().values()]
     return found, dict(zip(problem.limits.given(), worst / bounds, strict=True))
 
 
+def _chosen(kind, problems, given):
+    return [x for x in problems.items() if kind in (given.kinds or [kind]) and given.only in x[0]]
+
+
 def main(arguments):
     """Print the results, and return the number of problems that fail."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("kinds", nargs="*", help="spread, box; default: both")
+    parser.add_argument("--only", default="", help="only problems whose names contain this text")
     parser.add_argument("--samples", type=int, default=10**6, help="number of samples of each problem")
     given = parser.parse_args(arguments)
     jax.config.update("jax_enable_x64", True)
     failed = 0
-    for name, problem in SPREADS.items() if "spread" in (given.kinds or ["spread"]) else ():
+    for name, problem in _chosen("spread", SPREADS, given):
         began = time.process_time()
         found, share = share_of(*problem, given.samples)
         good = bool(found.successful) and RANGE[0] <= share <= RANGE[1]
         failed += not good
         seconds = time.process_time() - began
         print(f"spread, {name}: {100 * share:.3f} % of {given.samples} samples; {seconds:.0f} CPU s", flush=True)
-    for name, problem in BOXES.items() if "box" in (given.kinds or ["box"]) else ():
+    for name, problem in _chosen("box", BOXES, given):
         began = time.process_time()
         found, worst = worst_of(*problem, given.samples)
         good = bool(found.successful) and max(worst.values()) >= CONSERVATIVE and max(worst.values()) <= 1.0

@@ -2,9 +2,12 @@
 
     python -m benchmarks.sweeps                                all measurements; this takes many minutes
     python -m benchmarks.sweeps memory --points 1000000        or tunings, overhead, kills, schedulers, full
+    python -m benchmarks.sweeps command --points 10000000    the same by `qtraj sweep`, with two workers
     python -m benchmarks.sweeps kills --workers 20 --clients 5
 
-Each sweep of `memory` and `tunings` runs in a process of its own, whose largest memory is printed. `overhead` compares
+Each sweep of `memory` and `tunings` runs in a process of its own, whose largest memory is printed. `command` and
+`command_tunings` run `qtraj sweep` for scenarios, and print the largest memory of the command and of its workers (on
+Linux, from /proc). `overhead` compares
 the CPU time of a sweep with that of the bare calls of its function, so other processes hardly change it. Its second
 part, the speed of two workers, is a wall time: measure it on an otherwise idle machine. `kills` kills workers with
 SIGKILL, and clients with their schedulers, compares the store with that of an undisturbed sweep, byte by byte, and
@@ -27,6 +30,8 @@ import tempfile
 import time
 from pathlib import Path
 from typing import Any, NamedTuple
+
+KINDS = ("memory", "tunings", "command", "command_tunings", "overhead", "kills", "schedulers", "full")
 
 FLAT, OVERHEAD = 1.1, 1.1
 """Largest accepted ratios of memory at many points to few points, and of a sweep to the calls of its function."""
@@ -63,6 +68,31 @@ if __name__ == "__main__":
         options["client"] = Client(scheduler_file=sys.argv[1])
     qt.sweep(slow, parameters, FOLDER / os.environ["STORE"], **options)
 """
+
+SCENARIO = """
+duration = 4.0
+[start]
+position = [12.0, 0.0, 0.0]
+velocity = [0.0, 5.0, 0.0]
+[end]
+position = [0.0, 12.0, 0.0]
+velocity = [-5.0, 0.0, 0.0]
+[limits]
+curvature = 0.12
+lateral_acceleration = 2.0
+[tune]
+motion = "hermite"
+starts = 2
+[sweep]
+run = "RUN"
+outputs = ["speed", "curvature", "lateral_acceleration"]
+start.speed = {uniform = [4.0, 6.0]}
+end.position.y = {uniform = [9.0, 15.0]}
+samples = COUNT
+shard = SHARD
+keep = false
+"""
+"""A turn whose speed at the start and width are random, for `qtraj sweep`."""
 
 
 def turn(point):
@@ -115,6 +145,66 @@ def flat(kind, few, many):
         )
     print(f"{kind}: the memory at {many} points is {memory[1] / memory[0]:.3f} times that at {few} points", flush=True)
     return memory[1] / memory[0] <= FLAT
+
+
+class Commanded(NamedTuple):
+    """A sweep by the command line: CPU seconds of all its processes, failed points, and largest memories [MB]."""
+
+    seconds: float
+    failed: int
+    client: float
+    worker: float
+
+
+def commanded(run, count, shard, workers):
+    """Run `qtraj sweep` for `SCENARIO`, and return what it took."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "scenario.toml"
+        file.write_text(SCENARIO.replace("RUN", run).replace("COUNT", str(count)).replace("SHARD", str(shard)))
+        command = [sys.executable, "-m", "qtraj", "sweep", str(file), "--out", folder, "--json"]
+        before, largest = os.times(), {}
+        with (Path(folder) / "printed").open("w+") as printed:
+            client = subprocess.Popen([*command, "--workers", str(workers)], stdout=printed, stderr=subprocess.DEVNULL)
+            while client.poll() is None:
+                for process in _processes(client.pid):
+                    largest[process] = max(largest.get(process, 0.0), _peak(process))
+                time.sleep(0.2)
+            printed.seek(0)
+            found, after = json.loads(printed.read()), os.times()
+    spent = sum(after[2:4]) - sum(before[2:4])
+    own = largest.pop(client.pid)
+    return Commanded(spent, found["failed"], own, max(largest.values(), default=0.0))
+
+
+def _processes(first):
+    """Return the numbers of a process and of all those that it started (Linux)."""
+    children = "".join(_text(file) for file in Path(f"/proc/{first}/task").glob("*/children")).split()
+    return [first, *(x for child in children for x in _processes(int(child)))]
+
+
+def _peak(process):
+    """Return the largest memory of a process so far [MB] (Linux); 0 if it has ended."""
+    with contextlib.suppress(OSError):
+        for line in Path(f"/proc/{process}/status").read_text().splitlines():
+            if line.startswith("VmHWM"):
+                return int(line.split()[1]) / 1024
+    return 0.0
+
+
+def command_line(run, few, many, shard, workers=2):
+    """Print and judge the memory of the command and of its workers at few and at many points."""
+    found = []
+    for count in (few, many):
+        found.append(commanded(run, count, shard, workers))
+        one = found[-1]
+        print(
+            f"qtraj sweep, {run}: {count} points, {one.failed} failed: {one.seconds:.1f} CPU s, largest memory of the "
+            f"command {one.client:.0f} MB, of a worker {one.worker:.0f} MB",
+            flush=True,
+        )
+    client, worker = (getattr(found[1], x) / getattr(found[0], x) for x in ("client", "worker"))
+    print(f"qtraj sweep, {run}: memory {client:.3f} (command) and {worker:.3f} (worker) times that at {few} points")
+    return max(client, worker) <= FLAT
 
 
 def overhead():
@@ -265,7 +355,9 @@ def _kill(process):
 
 
 def _text(file):
-    return file.read_text() if file.exists() else ""
+    with contextlib.suppress(OSError):
+        return file.read_text()
+    return ""
 
 
 def _same(one, other):
@@ -276,7 +368,7 @@ def _same(one, other):
 def main(arguments):
     """Print the results, and return the number of measurements that fail."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("kinds", nargs="*", help="memory, tunings, overhead, kills, schedulers, full; default: all")
+    parser.add_argument("kinds", nargs="*", help=f"{', '.join(KINDS)}; default: all")
     parser.add_argument("--points", type=int, default=10**7, help="number of points of `memory`")
     parser.add_argument("--tunings", type=int, default=10**5, help="number of points of `tunings`")
     parser.add_argument("--few", type=int, default=10**5, help="number of points with which the memory is compared")
@@ -287,9 +379,12 @@ def main(arguments):
     given = parser.parse_args(arguments)
     if given.alone:
         return alone(given.alone[0], int(given.alone[1]))
+    few_tunings = min(max(given.tunings // 10, 5000), given.tunings)  # some shards for each worker
     measurements = {
         "memory": lambda: flat("memory", min(given.few, given.points), given.points),
         "tunings": lambda: flat("tunings", max(given.tunings // 10, 1), given.tunings),
+        "command": lambda: command_line("evaluate", min(given.few, given.points), given.points, 2**14),
+        "command_tunings": lambda: command_line("tune", few_tunings, given.tunings, 512),
         "overhead": overhead,
         "kills": lambda: interrupted("kills", lambda x: killed_sweep(x, given.workers, given.clients, given.shards)),
         "schedulers": lambda: interrupted("schedulers", lambda x: killed_schedulers(x, given.clients, given.shards)),

@@ -227,7 +227,7 @@ BAD = [
     (f"{TURN}[sweep]\nlimits.curvature = {{from = 1, to = 2, steps = 0}}\n", "the parameter 'limits.curvature': "),
     (f"{TURN}[sweep]\nlimits.curvature = {{from = 1, to = 2, steps = true}}\n", "the parameter 'limits.curvature': "),
     (f"{TURN}[sweep]\nlimits.curvature = {{from = 0, to = true, steps = 2}}\n", "the parameter 'limits.curvature': "),
-    (f"{TURN}[sweep]\nlimits.curvature = {{values = []}}\n", "the parameter 'limits.curvature': "),
+    (f"{TURN}[sweep]\nlimits.curvature = {{values = []}}\n", "the parameter 'limits.curvature': it has no values"),
     (f"{TURN}[sweep]\nlimits.curvature = {{values = [nan]}}\n", "must be finite, but value 0 is not"),
     (f"{TURN}[sweep]\nlimits.curvature = {{uniform = [2, 1]}}\n", "low must be less than high"),
     (f"{TURN}[sweep]\nlimits.curvature = {{normal = [2, 1]}}\n", "is random: pass the number of samples"),
@@ -270,3 +270,13 @@ def test_the_report_has_the_numbers_of_the_store(run, tmp_path):
     assert "limits.curvature</td><td>3</td><td>0.1</td><td>0.2" in page
     assert f"{float(dataset['duration'].max()):.6g}" in page
     assert "<td>successful</td><td>3</td>" in page
+
+
+def test_closed_loops_with_random_gains(run):
+    """With k1 = 4 and k2 < 4 the error is overdamped: it decays more slowly for a smaller k2."""
+    text = f"{SLEW}[law]\nk1 = 4.0\nk2 = 4.0\n[error]\nrotation_vector = [1.0, 0, 0]\n[simulation]\nduration = 4.0\n"
+    code, content, dataset = run(f"{text}[sweep]\nsamples = 5\nlaw.k2 = {{uniform = [2.0, 3.9]}}\n")
+    assert code == 0, content
+    order = np.argsort(dataset["law.k2"].values)
+    assert (np.diff(np.abs(dataset["final_angle"].values[order])) < 0).all()
+    assert dataset["final_angle"].values.min() > 0

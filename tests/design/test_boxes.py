@@ -19,7 +19,7 @@ from qtraj.design.robust.family import Family
 from qtraj.foundation.document import save
 
 START, END = qt.BoundaryState([20, 0, 0], [0, 6, 0]), qt.BoundaryState([0, 22, 1], [-6, 0, 0.2])
-BUS = qt.Vehicle(mass=9000.0)
+BUS, TRUCK = qt.Vehicle(mass=9000.0), qt.Vehicle(mass=9000.0, drag_area=5.0)
 ROUNDING = 1e-12
 
 
@@ -87,6 +87,24 @@ def test_decisions_near_the_smallest_value(add, only_integers):
         assert (found.at[0] - found.at[1]) ** 2 + add < 0
 
 
+def test_floats_prove_nothing_that_is_slightly_violated():
+    """Below zero by a few rounding errors, or less than one, along a surface of the box."""
+    rng = np.random.default_rng(0)
+    for degree in rng.integers(2, 5, 20):
+        degrees = 2, int(degree)
+        points = np.array([(float(x), float(y)) for x in nodes(degrees[0]) for y in nodes(degrees[1])]).T
+        a, b, scale, depth = (float(x) for x in (*rng.random(2), *10.0 ** rng.uniform([-6, -19], [6, -12])))
+
+        def number(x, count=points.shape[1]):
+            return BoundedPolynomial.constant(np.full(count, x))
+
+        p, q = (BoundedPolynomial.constant(x) for x in points)
+        u = BoundedPolynomial(np.repeat([[0.0], [1.0]], points.shape[1], axis=1))
+        w = (u - number(a) * p) - number(b) * (q * q)
+        form = in_floats(number(scale) * (w * w) - number(depth * scale), degrees)
+        assert not decide(Claim(0), [form], lambda: None).proved
+
+
 def test_degrees_of_a_product():
     p, q = Degrees((1, 0)), Degrees((0, 1))
     assert (p * p * q - 3.0 * q + 1).exponents == (2, 1)
@@ -119,6 +137,8 @@ CASES = [
     (qt.Limits(longitudinal_acceleration=(None, 2.0)), qt.Box(start_speed=0.3)),
     (qt.Limits(friction=1.0, vehicle=BUS), qt.Box(start_speed=0.2, mass=(-100, 1000))),
     (qt.Limits(power=1e6, vehicle=BUS), qt.Box(end_speed=0.2, mass=(0, 1000))),
+    (qt.Limits(power=1e6, vehicle=TRUCK), qt.Box(start_speed=0.2, drag_area=(-2, 8))),
+    (qt.Limits(longitudinal_force=(None, 1e6), vehicle=TRUCK), qt.Box(drag_area=3)),
     (qt.Limits(height=(None, 3.0)), qt.Box(end_axial_position=0.3)),
     pytest.param(
         qt.Limits(curvature=0.1),
@@ -135,8 +155,6 @@ def test_a_limit_at_the_worst_sample_separates_proofs_from_counterexamples(path,
     rng = np.random.default_rng(3)
     unit = np.concatenate([rng.random((40, len(box.names))), rng.integers(0, 2, (40, len(box.names)))])
     samples = box.lowest + (box.highest - box.lowest) * unit
-    if "mass" in box.names:
-        samples[:, -1] = np.where(rng.random(80) < 0.5, *box.intervals["mass"])
     worst = float(problem.values(samples)[1].max())
     (name,) = limits.given()
 
@@ -210,6 +228,10 @@ def test_an_undecided_limit_has_advice_of_its_own(path):
     found = BoxCertificate(["speed"], box, [UNDECIDED], [1.0], [[0.1]], [6.0], [6.0])
     assert found.status == {"speed": "undecided"}
     assert "divide the box" in found.result
+    assert "boxes of any size" not in found.result
+    wide = qt.Box(start_speed=0.1, end_speed=0.1)
+    long = BoxCertificate(["angular_acceleration"], wide, [UNDECIDED], [1.0], [[0.1, 0.1]], [6.0], [6.0])
+    assert "With 2 parameters, proofs of angular_acceleration can take too long in boxes of any size" in long.result
     assert "robust_tune" not in found.result
     broken = BoxCertificate(["speed"], box, [BROKEN], [1.0], [[0.1]], [7.0], [6.0])
     assert "robust_tune" in broken.result
@@ -275,7 +297,12 @@ def test_results_are_saved(path, tmp_path):
         (lambda: box_of(limits=qt.Limits(keep_out=[qt.Ball([0, 0, 0], 1.0)])), "omit keep_out"),
         (lambda: box_of(box=qt.Box(limits={"jerk": 1.0})), "no such limit"),
         (lambda: box_of(box=qt.Box(limits={"speed": 9.5})), "it must be positive"),
+        (lambda: qt.Box(wind=5.0), r"multiplies the drag by \(1 \+ w/v\)²"),
+        (lambda: qt.Box(gain=0.1), "sweep over simulations with random gains"),
         (lambda: box_of(box=qt.Box(mass=10.0)), "limits have no vehicle"),
+        (lambda: box_of(box=qt.Box(drag_area=1.0)), "the drag_area deviates, but limits have no vehicle"),
+        (lambda: box_of(qt.Limits(power=1e4, vehicle=TRUCK), qt.Box(drag_area=6.0)), "must stay 0 or more"),
+        (lambda: box_of(qt.Limits(power=1e4, vehicle=BUS), qt.Box(mass=1.0, drag_area=(0, 1))), "contains its inverse"),
         (
             lambda: box_of(qt.Limits(power=1e4, vehicle=qt.Vehicle(9e3, drag_area=6.0)), qt.Box(mass=10.0)),
             "air drag contains its inverse",

@@ -79,6 +79,28 @@ def test_a_limit_that_deviates_alone_is_tightened_by_a_quantile(share):
     assert tight == pytest.approx(1.5 - ndtri(share) * sigma, abs=1.2 * slack * sigma)
 
 
+BUS = qt.Vehicle(mass=9000.0, drag_area=5.0)
+
+
+def test_a_mass_that_deviates_alone_is_tightened_by_a_quantile():
+    """A lateral force is the mass times an acceleration."""
+    limits, spread = qt.Limits(lateral_force=13.5e3, vehicle=BUS), qt.Spread(mass=300.0)
+    found = qt.robust_tune(START, END, limits, spread, motion="hermite", samples=2**14)
+    assert found.successful
+    assert float(found.limits.lateral_force) == pytest.approx(13.5e3 / (1 + ndtri(0.99) * 300.0 / 9000.0), rel=1e-3)
+
+
+def test_the_values_of_vehicles_that_deviate_are_those_of_certify():
+    limits = qt.Limits(friction=1.0, power=1e6, vehicle=BUS)
+    tuned = qt.tune(START, END, limits, motion="hermite", starts=1)
+    deviations = np.array([[400.0, 2.0], [-300.0, -9.0]])
+    values = driven(tuned, limits).largest(np.zeros((2, 12)), deviations)
+    for row, (mass, area) in zip(values, deviations, strict=True):
+        vehicle = qt.Vehicle(9000.0 + mass, drag_area=max(5.0 + area, 0.0))
+        checked = qt.certify(tuned.path, qt.Limits(friction=1.0, power=1e6, vehicle=vehicle))
+        np.testing.assert_allclose(row, checked.values, rtol=1e-9)
+
+
 def test_without_need_nothing_is_tightened():
     limits, spread = qt.Limits(lateral_acceleration=3.0), qt.Spread(start_velocity=0.01)
     found = qt.robust_tune(START, END, limits, spread)
@@ -137,6 +159,9 @@ def test_results_are_saved(solved, tmp_path):
         (lambda: qt.Spread(end_position=[0.1, 0.2]), r"end_position must be a number or \(3,\), but has the shape"),
         (lambda: qt.Spread(limits={"speed": np.nan}), "'speed'.* finite standard deviations"),
         (lambda: qt.robust_tune(START, END, qt.Limits(speed=9.0), 0.1), "spread must be a Spread"),
+        (lambda: qt.Spread(mass=[1.0, 2.0]), "mass must be a number, but has the shape"),
+        (lambda: robust(qt.Spread(mass=9.0)), "the vehicle deviates, but limits have none"),
+        (lambda: robust(qt.Spread(mass=2e3), limits=qt.Limits(power=1e5, vehicle=BUS)), "more than 8 standard deviat"),
         (lambda: robust(share=1.0), "from 0.5 to 0.9999, but 1.0"),
         (lambda: robust(share="0.9"), "from 0.5 to 0.9999, but '0.9'"),
         (lambda: robust(samples=1000), "a power of two from 256"),

@@ -74,6 +74,18 @@ def quintics(first, last, h):
     return (grid @ derivative[1].T) @ c, (grid @ derivative[2].T) @ c
 
 
+def test_the_values_of_vehicles_that_deviate_are_those_of_certify():
+    """The largest friction is between the segments at the ends, so all of them must be computed for each vehicle."""
+    limits, still = qt.Limits(friction=1.0, power=1e6, vehicle=qt.Vehicle(9000.0, drag_area=5.0)), np.zeros((2, 12))
+    tuned = qt.tune_route(turn(), limits)
+    deviations = np.array([[400.0, 2.0], [-300.0, -9.0]])
+    values = driven_route(tuned, limits).largest(still, deviations)
+    for row, (mass, area) in zip(values, deviations, strict=True):
+        vehicle = qt.Vehicle(9000.0 + mass, drag_area=max(5.0 + area, 0.0))
+        worst = qt.certify(tuned.path, qt.Limits(friction=1.0, power=1e6, vehicle=vehicle)).worst
+        np.testing.assert_allclose(row, [worst[name][1] for name in ("friction", "power")], rtol=1e-9)
+
+
 def test_a_limit_that_deviates_alone_is_tightened_by_a_quantile():
     found = robust(limits=qt.Limits(lateral_acceleration=1.6), spread=qt.Spread(limits={"lateral_acceleration": 0.05}))
     assert found.successful

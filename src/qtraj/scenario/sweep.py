@@ -14,7 +14,7 @@ import numpy as np
 from qtraj.foundation.naming import naming
 from qtraj.io.input_file import InputFile, read_input
 from qtraj.path.quantity import QUANTITIES
-from qtraj.scenario import KINDS, sweep_runs
+from qtraj.scenario import KINDS, sweep_batch, sweep_runs
 from qtraj.scenario.path import PathTask
 from qtraj.scenario.reader import ScenarioFile, nearest_kind, scenario_in
 from qtraj.scenario.sweep_part import SweepPart
@@ -35,6 +35,9 @@ DEFAULTS = {"path": "tune", "route": "route", "loop": "simulate"}
 
 SHARDS = {"evaluate": 4096, "certify": 4096, "tune": 512, "retime": 64, "route": 16, "simulate": 1024}
 """Number of points of a shard."""
+
+FEW = 8
+"""Fewer points are read one by one."""
 
 AXES = ("x", "y", "z")
 UNITS = {"start.speed": "m s-1", "end.speed": "m s-1", **{f"limits.{n}": q.unit for n, q in QUANTITIES.items()}}
@@ -81,22 +84,55 @@ class ScenarioFunction:
 
         **Raises:** NoValidPointError with the message of the first point, if no point is valid.
         """
+        whole = self._together(points)
+        if whole is None:
+            return self._one_by_one(points)
+        try:
+            outputs = sweep_runs.together(self.run, whole, **self.options)
+        except ValueError:  # the messages are those of single points
+            return self._one_by_one(points)
+        if whole.rows.all():
+            return outputs
+        try:
+            others = self._one_by_one({name: values[~whole.rows] for name, values in points.items()})
+        except results.NoValidPointError:
+            return results.spread(outputs, np.flatnonzero(whole.rows).tolist(), len(whole.rows))
+        return results.merged(outputs, others, whole.rows)
+
+    def _one_by_one(self, points: Mapping[str, np.ndarray]) -> dict[str, Any]:
+        """Return the outputs of all points, of which each is read as a scenario."""
         rows = [*zip(*(values.tolist() for values in points.values()), strict=True)]
         tasks = results.valid(lambda row: self.task(dict(zip(points, row, strict=True))), dict(enumerate(rows)))
         run = functools.partial(sweep_runs.RUNS[self.run], **self.options)
         return results.computed(run, tasks, len(rows))
+
+    def _together(self, points: Mapping[str, np.ndarray]) -> sweep_batch.Together | None:
+        """Return the points that can be computed as one batch, without reading each of them; None if there are none."""
+        if self.run not in sweep_runs.TOGETHER or not sweep_batch.supports(points):
+            return None
+        rows = sweep_batch.valid_rows(points)
+        if rows.sum() < FEW:
+            return None
+        first = int(np.argmax(rows))
+        try:
+            loaded, data = self._read({name: values[first].item() for name, values in points.items()})
+            return sweep_batch.together(loaded.scenario, _built(self, loaded, data), points, rows)
+        except ValueError:
+            return None
 
     def task(self, point: Mapping[str, Any]) -> Any:
         """Return the task of one point.
 
         **Raises:** ValueError, which names the scenario, if its values are not valid.
         """
+        return _built(self, *self._read(point))
+
+    def _read(self, point: Mapping[str, Any]) -> tuple[ScenarioFile[Any], dict[str, Any]]:
         data: Any = copy.deepcopy(dict(self.data))
         with naming(f"{self.file}: "):
             for name, value in point.items():
                 _set(data, name.split("."), value)
-        loaded = scenario_in(InputFile(self.file, "", data), self.kind)
-        return _built(self, loaded, data)
+        return scenario_in(InputFile(self.file, "", data), self.kind), data
 
 
 def read_sweep(file: Path) -> SweepTask:

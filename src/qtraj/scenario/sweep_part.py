@@ -112,7 +112,9 @@ def _fault_of(name: str, value: dict[str, Any]) -> Iterator[str]:
 
 def _source(value: dict[str, Any], beside: Callable[[str], Path]) -> Any:
     match value:
-        case {"values": [*values]} if values and all(_is_number(x) for x in values):
+        case {"values": []}:
+            raise ValueError("it has no values: add at least one to values = [...]")
+        case {"values": [*values]} if all(_is_number(x) for x in values):
             return np.asarray(values)
         case {"uniform": [low, high]}:
             return Uniform(low, high)

@@ -12,6 +12,7 @@ from qtraj.motion.simulation.simulate import simulate
 from qtraj.scenario.loop import LoopTask
 from qtraj.scenario.path import PathTask
 from qtraj.scenario.route import RouteTask
+from qtraj.scenario.sweep_batch import Together
 from qtraj.sweeps import results
 from qtraj.sweeps.digests import digest
 from qtraj.sweeps.results import Outputs
@@ -115,6 +116,52 @@ def _flight(key: str, shared: Mapping[str, Any]) -> Callable[..., Any]:
 def _one_flight(own: Mapping[str, Any], shared: Mapping[str, Any]) -> Outputs:
     motion = simulate(**own, **shared)
     return results.of_flights(*(np.asarray(x)[None] for x in (motion.angle, motion.peak_command, motion.code)))
+
+
+def together(run: str, points: Together, **options: Any) -> Outputs:
+    """Return the outputs of points that are one batch; those that are ill-posed fail.
+
+    The batch keeps its size, so that compiled functions are not compiled for every number of ill-posed points; these
+    are replaced by the first point that is not.
+
+    **Raises:** NoValidPointError if all of them are ill-posed.
+    """
+    count, good = len(points.ill_posed), np.flatnonzero(~points.ill_posed)
+    if not len(good):
+        raise results.NoValidPointError("the boundary states of all points are ill-posed")
+    at = np.arange(count)
+    if len(good) < count:
+        at = np.where(points.ill_posed, good[0], at) if run == "evaluate" else good
+    outputs = TOGETHER[run](points if len(good) == count else points.at(at), **options)
+    if run == "evaluate" and len(good) < count:
+        outputs = {name: values[good] for name, values in outputs.items()}
+    return results.spread(outputs, good.tolist(), count)
+
+
+def _tuned_together(points: Together) -> Outputs:
+    from qtraj.design.tuning.tune import tune
+
+    arguments: dict[str, Any] = points.task.tuning() | {"placement": points.placement}
+    return results.of_tuned(tune(**arguments))
+
+
+def _certified_together(points: Together) -> Outputs:
+    return results.of_certificate(certify(points.task.path, points.task.limits))
+
+
+def _evaluated_together(points: Together, outputs: tuple[str, ...], reduce: str) -> Outputs:
+    task = points.task
+    times = np.linspace(0.0, 1.0, INSTANTS) * np.asarray(task.path.duration)[:, None]
+    reduced = evaluate(task.path, times, outputs, reduce=reduce, vehicle=task.limits.vehicle)
+    return {name: np.asarray(reduced[name]) for name in outputs}
+
+
+TOGETHER: dict[str, Callable[..., Outputs]] = {
+    "tune": _tuned_together,
+    "certify": _certified_together,
+    "evaluate": _evaluated_together,
+}
+"""The runs of which many points can be one batch."""
 
 
 RUNS: dict[str, Callable[..., Outputs]] = {

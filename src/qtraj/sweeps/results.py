@@ -123,3 +123,17 @@ def spread(outputs: Outputs, places: Sequence[int], count: int) -> Outputs:
         whole[name] = np.full((count, *values.shape[1:]), fill, values.dtype)
         whole[name][places] = values
     return whole | {"failed": failed}
+
+
+def merged(one: Outputs, other: Outputs, rows: np.ndarray) -> Outputs:
+    """Return the outputs of `one` at the points in `rows` (n,), and those of `other` at the rest."""
+    parts = {True: one, False: other}
+    if "failed" in one.keys() | other.keys():
+        parts = {own: {"failed": np.zeros(int((rows == own).sum()), bool)} | x for own, x in parts.items()}
+    if parts[True].keys() != parts[False].keys():
+        raise ValueError(f"points have different outputs: {', '.join(one)}, and {', '.join(other)}")
+    whole: Outputs = {}
+    for name, values in parts[True].items():
+        whole[name] = np.empty((len(rows), *values.shape[1:]), values.dtype)
+        whole[name][rows], whole[name][~rows] = values, parts[False][name]
+    return whole

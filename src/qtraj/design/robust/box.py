@@ -1,4 +1,4 @@
-"""Intervals of boundary states, mass and limits."""
+"""Intervals of boundary states, of a vehicle, and of limits."""
 
 from __future__ import annotations  # so that `help` shows short names
 
@@ -25,7 +25,10 @@ STATES = {
 }
 """The parameters of the boundary states and their units."""
 
-UNITS = {**STATES, "mass": "kg"}
+VEHICLE = {"mass": "kg", "drag_area": "m2"}
+"""The parameters of the vehicle and their units."""
+
+UNITS = {**STATES, **VEHICLE}
 """All parameters and their units."""
 
 MAX_PARAMETERS = 3
@@ -39,7 +42,10 @@ INSTEAD = {
     "velocity": "pass start_speed, start_radial_speed or start_axial_speed, or those of the end",
     "radius": "the angular rate contains the inverse of the radius: give standard deviations in a Spread instead",
     "azimuth": "give standard deviations of the positions in a Spread instead",
-    "drag": "the drag is fixed: prove the limits for the largest and the smallest drag area",
+    "drag": "pass drag_area, its deviation in m²",
+    "wind": "at the speed v, a headwind w multiplies the drag by (1 + w/v)²: pass a drag_area that contains this for "
+    "the lowest speed",
+    "gain": "gains belong to a closed loop, not to a path: sweep over simulations with random gains",
     "bank": "the bank enters by its cosine and sine: prove the limits for each bank",
 }
 """What to do for parameters that are not supported, by a part of their names."""
@@ -62,6 +68,8 @@ class Box(eqx.Module):
         end_axial_speed: As for the start.
         end_axial_position: As for the start.
         mass: Deviation of the mass of the vehicle in the limits [kg].
+        drag_area: Deviation of its drag area [m²], also for wind: at the speed v, a headwind w multiplies the drag by
+            (1 + w/v)².
         limits: Deviations of limits by name, in the unit of the limit, such as `{"friction": 0.05}`.
         intervals: More deviations of parameters by name, such as `{"start_speed": (-0.5, 0.5)}`; for `load`.
 
@@ -89,6 +97,7 @@ class Box(eqx.Module):
         end_axial_position: ArrayInput | None = None,
         mass: ArrayInput | None = None,
         limits: Mapping[str, Any] | None = None,
+        drag_area: ArrayInput | None = None,
         *,
         intervals: Mapping[str, Any] | None = None,
         **unknown: Any,
@@ -97,7 +106,7 @@ class Box(eqx.Module):
             expected = f"a dictionary of deviations by name, such as {{{example!r}: 0.05}}"
             require_type(mapping, Mapping | None, name, expected)  # pyright: ignore[reportArgumentType]
         own = (start_speed, start_radial_speed, start_axial_speed, start_axial_position)
-        own += (end_speed, end_radial_speed, end_axial_speed, end_axial_position, mass)
+        own += (end_speed, end_radial_speed, end_axial_speed, end_axial_position, mass, drag_area)
         given = {name: x for name, x in zip(UNITS, own, strict=True) if x is not None} | dict(intervals or {})
         for name in (*unknown, *given):
             if name not in UNITS:

@@ -20,6 +20,7 @@ from qtraj.foundation.outcome import AbstractOutcome, ResultCode
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.types import ArrayInput
 from qtraj.foundation.units import with_unit
+from qtraj.path.quantity import quantity
 
 ADVICE = {
     STATUSES[UNDECIDED]: "For undecided limits, use fewer parameters, or divide the box into smaller ones and certify "
@@ -27,6 +28,9 @@ ADVICE = {
     STATUSES[UNDEFINED]: "Where a quantity is undefined, omit its limit, or make the box smaller.",
 }
 """What to do about limits that are neither proved nor violated, by status."""
+
+LONG_ORDER = 3
+"""Order of the derivatives in quantities whose proofs with several parameters can be too long in boxes of any size."""
 
 
 @storable
@@ -136,6 +140,13 @@ def unmet_text(certificate: BoxCertificate, advice: str) -> str:
     statuses = {finding.status for _, finding in unmet}
     sentences = [advice] if STATUSES[BROKEN] in statuses else []
     sentences += [text for status, text in ADVICE.items() if status in statuses]
+    undecided = [c.names[k] for k, finding in unmet if finding.status == STATUSES[UNDECIDED]]
+    long = [name for name in undecided if quantity(name).order >= LONG_ORDER]
+    if long and len(c.parameters) > 1:
+        sentences.append(
+            f"With {len(c.parameters)} parameters, proofs of {', '.join(long)} can take too long in boxes of any size: "
+            "then only fewer parameters help, or a sweep over the deviations, which proves nothing between its points."
+        )
     return f"{'; '.join(texts)}. {' '.join(sentences)}"
 
 

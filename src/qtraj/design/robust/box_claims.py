@@ -34,7 +34,7 @@ BITS = 36
 
 
 class Masses(NamedTuple):
-    """An interval of masses, whose ends are rounded outwards to `BITS` bits."""
+    """An interval of masses, or of another number of a vehicle, with ends that are rounded outwards to `BITS` bits."""
 
     low: float
     high: float
@@ -54,11 +54,14 @@ class Masses(NamedTuple):
 
 
 class BoxClaims:
-    """Claims about all paths of a family; a mass, if it deviates, is the last parameter."""
+    """Claims about all paths of a family.
 
-    def __init__(self, family: Family, vehicle: RoadParameters, masses: Masses | None, fastest: float):
-        self.family, self.vehicle, self.masses = family, vehicle, masses
-        self.count = len(family.names) + (masses is not None)
+    The last parameters are those of `RoadParameters` that deviate, in the order of their `intervals`.
+    """
+
+    def __init__(self, family: Family, vehicle: RoadParameters, intervals: dict[str, Masses], fastest: float):
+        self.family, self.vehicle, self.intervals = family, vehicle, intervals
+        self.count = len(family.names) + len(intervals)
         self._fastest = fastest  # squared, in the units of the source
         self._floats: dict[Any, Formulas] = {}
         self._exact: dict[Any, Formulas] = {}
@@ -88,8 +91,8 @@ class BoxClaims:
 
     @property
     def rounded(self) -> bool:
-        """Whether the claims are also about masses that are not in the box."""
-        return self.masses is not None and self.masses.rounded
+        """Whether the claims are also about masses or drags that are not in the box."""
+        return any(x.rounded for x in self.intervals.values())
 
     def divisor(self, name: str) -> BoxDecision:
         """Decide whether a divisor of a quantity is positive at all times on all paths of the box."""
@@ -117,7 +120,9 @@ class BoxClaims:
         of_integers: Callable[[Formulas], AnyClaim],
         strict: bool,
     ) -> BoxDecision:
-        known = Formulas(self.family.degrees(order, self.count), lambda x: self._no_degrees(), self._degrees_of_mass())
+        known = Formulas(
+            self.family.degrees(order, self.count), lambda x: self._no_degrees(), self._degrees_of_vehicle()
+        )
         claim = of_degrees(known)
         each = [x.exponents if isinstance(x, Degrees) else (0,) * self.count for x in claim.polynomials]
         degrees = tuple(max(column) for column in zip(*each, strict=True)) if self.count else ()
@@ -141,9 +146,8 @@ class BoxClaims:
     def _in_floats(self, order: int, degrees: tuple[int, ...]) -> Formulas:
         if (order, degrees) not in self._floats:
             columns = np.array(list(product(*(nodes(d) for d in degrees))), float)
-            scaled = units.scaled_vehicle(self.vehicle, self.family.source)
-            if self.masses is not None:
-                scaled = scaled._replace(mass=self.masses.at(columns[:, -1]))
+            vehicle = self.vehicle._replace(**self._at(columns.T[len(self.family.names) :]))
+            scaled = units.scaled_vehicle(vehicle, self.family.source)
             own = scaled.each(lambda x: np.broadcast_to(np.asarray(x, float), (len(columns),)))
             known = units.constants(own, lambda x: BoundedPolynomial.constant(np.asarray(x), k=6))
             constant = lambda x: BoundedPolynomial.constant(np.full(len(columns), units.as_number(x)), k=1)  # noqa: E731
@@ -152,9 +156,7 @@ class BoxClaims:
 
     def _in_integers(self, order: int, point: tuple[Any, ...]) -> Formulas:
         if (order, point) not in self._exact:
-            vehicle = self.vehicle
-            if self.masses is not None:
-                vehicle = vehicle._replace(mass=self.masses.at(float(point[-1])))
+            vehicle = self.vehicle._replace(**self._at([float(x) for x in point[len(self.family.names) :]]))
             known = units.constants(vehicle.each(lambda x: np.asarray(x, float)), ExactPolynomial.of)
             self._exact[order, point] = Formulas(self.family.exact(order, point), ExactPolynomial.of, known)
         return self._exact[order, point]
@@ -162,11 +164,15 @@ class BoxClaims:
     def _no_degrees(self) -> Degrees:
         return Degrees((0,) * self.count)
 
-    def _degrees_of_mass(self) -> Any:
+    def _at(self, fractions: Any) -> dict[str, Any]:
+        """Return the numbers of the vehicle at fractions of their intervals."""
+        return {name: x.at(s) for (name, x), s in zip(self.intervals.items(), fractions, strict=True)}
+
+    def _degrees_of_vehicle(self) -> Any:
         known = units.constants(self.vehicle.each(lambda x: np.asarray(x, float)), lambda x: self._no_degrees())
-        if self.masses is None:
-            return known
-        return known._replace(mass=Degrees([*(0,) * (self.count - 1), 1]))
+        first = len(self.family.names)
+        own = {name: Degrees([int(k == j) for j in range(self.count)]) for k, name in enumerate(self.intervals, first)}
+        return known._replace(**own)
 
 
 def _of_all(p: Any, count: int) -> BoundedPolynomial:

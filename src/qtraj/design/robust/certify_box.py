@@ -5,7 +5,6 @@ from __future__ import annotations  # so that `help` shows short names
 from itertools import product
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
@@ -15,10 +14,11 @@ from qtraj.design.limits import Limits, limits_of, require_limits
 from qtraj.design.obstacles.keep_out import refuse_obstacles
 from qtraj.design.proof.certificate import BROKEN, PROVED, UNDECIDED, UNDEFINED
 from qtraj.design.proof.certify import certify
-from qtraj.design.robust.box import STATES, Box
+from qtraj.design.robust.box import STATES, VEHICLE, Box
 from qtraj.design.robust.box_certificate import BoxCertificate
 from qtraj.design.robust.box_claims import BoxClaims, Masses
 from qtraj.design.robust.family import Family
+from qtraj.design.robust.vehicles import with_vehicles
 from qtraj.foundation.argument import require_type
 from qtraj.foundation.arrays import require_concrete
 from qtraj.path.path_quantity import PathQuantity
@@ -53,8 +53,8 @@ def certify_box(path: SpiralHelix, limits: Limits, box: Box, *, throw: bool = Fa
         quantity touches its limit, or the proof takes too long, as for the angular acceleration and two parameters.
 
     Raises:
-        ValueError: For a path of another kind, a batch, limits that change or need another axis, a mass without
-            vehicle or with air drag, and deviations of limits that are not set or reach zero.
+        ValueError: For a path of another kind, a batch, limits that change or need another axis, a mass or drag area
+            without vehicle, a mass with air drag, and deviations of limits that are not set or reach zero.
         RuntimeError: With `throw`, if a limit is not proved.
 
     Example:
@@ -105,16 +105,12 @@ class BoxProblem(NamedTuple):
     def values(self, deviations: Float[np.ndarray, "n p"]) -> tuple[np.ndarray, np.ndarray]:
         """Return the times and the worst values (n, k) of the limited quantities for some deviations."""
         states = [k for k, name in enumerate(self.box.names) if name in STATES]
-        if "mass" not in self.box.names:
-            return _of_paths(self.family.paths(deviations[:, states]), self.limits)
-        masses = deviations[:, -1]
-        shape = len(deviations), len(self.limits.given())
-        times, values = np.zeros(shape), np.zeros(shape)
-        for mass in np.unique(masses):
-            rows = masses == mass
-            limits = _with_mass(self.limits, mass)
-            times[rows], values[rows] = _of_paths(self.family.paths(deviations[rows][:, states]), limits)
-        return times, values
+        paths, limits = self.family.paths(deviations[:, states]), self.limits
+        if len(states) < len(self.box.names):
+            vehicle = {name: deviations[:, k] for k, name in enumerate(self.box.names) if name in VEHICLE}
+            zero = np.zeros(len(deviations))
+            limits = with_vehicles(limits, np.stack([vehicle.get(name, zero) for name in VEHICLE], axis=1))
+        return _of_paths(paths, limits)
 
     def certificate(self) -> BoxCertificate:
         """Return the findings on all limits."""
@@ -167,10 +163,12 @@ class BoxProblem(NamedTuple):
         speeds = _of_paths(self.family.paths(self.grid()[:, states]), Limits(speed=LARGE))[1]
         source = self.family.source
         fastest = float((np.nanmax(speeds) * source.duration[0] / source.length[0]) ** 2)
-        masses, road = None, self.limits.road(float)
+        road, intervals = self.limits.road(float), {}
         if "mass" in self.box.names:
-            masses = masses_of(road.mass, self.box)
-        return BoxClaims(self.family, road, masses, fastest)
+            intervals["mass"] = masses_of(road.mass, self.box)
+        if "drag_area" in self.box.names:
+            intervals["drag"] = drags_of(self.limits.vehicle, self.box)
+        return BoxClaims(self.family, road, intervals, fastest)
 
 
 def strictest(limits: Limits, box: Box) -> Limits:
@@ -219,11 +217,20 @@ def require_box_limits(limits: Limits, box: Box, what: str) -> None:
     vehicle = limits.vehicle
     if vehicle is not None and (vehicle.road is not None or np.ndim(vehicle.mass)):
         raise ValueError(f"{what} needs one vehicle, on a road that does not change: pass bank and friction as numbers")
-    if "mass" not in box.names:
+    moved = [name for name in box.names if name in VEHICLE]
+    if not moved:
         return
     if vehicle is None:
-        raise ValueError("the mass deviates, but limits have no vehicle: pass Limits(..., vehicle=Vehicle(mass=...))")
-    if float(np.asarray(vehicle.drag_area)) != 0:
+        raise ValueError(
+            f"the {moved[0]} deviates, but limits have no vehicle: pass Limits(..., vehicle=Vehicle(mass=...))"
+        )
+    if "drag_area" in moved and float(np.asarray(vehicle.drag_area)) + box.intervals["drag_area"][0] < 0:
+        raise ValueError(
+            f"the drag area {float(np.asarray(vehicle.drag_area)):g} m² must stay 0 or more: make its interval smaller"
+        )
+    if "mass" not in moved:
+        return
+    if "drag_area" in moved or float(np.asarray(vehicle.drag_area)) != 0:
         raise ValueError(
             "the mass deviates, but the deceleration by air drag contains its inverse: pass drag_area=0, or prove the "
             "limits for each mass"
@@ -241,6 +248,14 @@ def masses_of(mass: Any, box: Box) -> Masses:
     return Masses.around(float(np.asarray(mass)) + low, float(np.asarray(mass)) + high)
 
 
+def drags_of(vehicle: Any, box: Box) -> Masses:
+    """Return an interval with all decelerations by air drag of a box, as the `drag` of `RoadParameters`."""
+    low, high = (float(np.asarray(vehicle.drag_area)) + x for x in box.intervals["drag_area"])
+    per_area = 0.5 * float(np.asarray(vehicle.air_density)) / float(np.asarray(vehicle.mass))
+    # One rounding more than those of the products, which may shorten the interval.
+    return Masses.around(per_area * low * (1 - 1e-15), per_area * high * (1 + 1e-15))
+
+
 def source_is_vertical(path: SpiralHelix) -> bool:
     """Return whether the axis of the path is vertical."""
     if path.placement is None:
@@ -248,11 +263,6 @@ def source_is_vertical(path: SpiralHelix) -> bool:
     _, x, y, z = np.asarray(path.placement.orientation, float)
     w = float(np.asarray(path.placement.orientation)[0])
     return (x == 0 and y == 0) or (w == 0 and z == 0)
-
-
-def _with_mass(limits: Limits, deviation: float) -> Limits:
-    mass = float(np.asarray(limits.vehicle.mass)) + deviation  # pyright: ignore[reportOptionalMemberAccess]
-    return eqx.tree_at(lambda x: x.vehicle.mass, limits, np.asarray(mass))
 
 
 def _of_paths(paths: SpiralHelix, limits: Limits) -> tuple[np.ndarray, np.ndarray]:

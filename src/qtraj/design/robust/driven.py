@@ -10,6 +10,7 @@ from jaxtyping import Float
 from qtraj.design.limits import Limits
 from qtraj.design.proof.certify import certify
 from qtraj.design.robust.spread import Spread
+from qtraj.design.robust.vehicles import with_vehicles
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.placement import Placement
@@ -35,17 +36,23 @@ class Driven(NamedTuple):
     placement: Placement | None
     limits: Limits
 
-    def largest(self, deviations: Float[np.ndarray, "n 12"]) -> Float[np.ndarray, "n k"]:
+    def largest(
+        self, deviations: Float[np.ndarray, "n 12"], vehicle: Float[np.ndarray, "n 2"] | None = None
+    ) -> Float[np.ndarray, "n k"]:
         """Return the largest values along the paths, the smallest for lower bounds, of the limited quantities.
 
-        `deviations` of the states [m, m/s]; NaN where a quantity is undefined somewhere on the path.
+        `deviations` of the states [m, m/s] and, unless None, of the `vehicle` (see `deviating`); NaN where a quantity
+        is undefined somewhere on the path.
         """
         values = []
         for first in range(0, len(deviations), BLOCK):
             block = self.states + deviations[first : first + BLOCK]
             padded = np.concatenate([block, np.repeat(block[-1:], BLOCK - len(block), axis=0)])
             paths = _hermite(padded, self.duration, self.placement, self.turns)
-            found = certify(_first(paths, len(block)), self.limits)
+            own = self.limits
+            if vehicle is not None:
+                own = with_vehicles(self.limits, vehicle[first : first + BLOCK])
+            found = certify(_first(paths, len(block)), own)
             values.append(np.asarray(found.values))
         return np.concatenate(values)
 
@@ -77,20 +84,22 @@ def _hermite(states: Any, duration: Any, placement: Any, turns: int) -> Any:
 
 
 class Samples(NamedTuple):
-    """Standard normal numbers: n deviations of the states, and of k limits."""
+    """Standard normal numbers: n deviations of the states, of k limits and, unless None, of the vehicle."""
 
     states: Float[np.ndarray, "n 12"]
     limits: Float[np.ndarray, "n k"]
+    vehicle: Float[np.ndarray, "n 2"] | None = None
 
 
-def samples_of(count: int, limits: int, seed: int) -> Samples:
+def samples_of(count: int, limits: int, seed: int, vehicle: bool = False) -> Samples:
     """Return scrambled Sobol points (a power of two of them), transformed to normal numbers."""
     from scipy.special import ndtri  # imported here, because scipy.stats is slow
     from scipy.stats import qmc
 
-    points = qmc.Sobol(STATES + limits, rng=np.random.default_rng(seed)).random(count)
+    last = STATES + limits
+    points = qmc.Sobol(last + 2 * vehicle, rng=np.random.default_rng(seed)).random(count)
     normal = ndtri(np.clip(points, 1e-12, 1 - 1e-12))
-    return Samples(normal[:, :STATES], normal[:, STATES:])
+    return Samples(normal[:, :STATES], normal[:, STATES:last], normal[:, last:] if vehicle else None)
 
 
 def bounds_of(limits: Limits, spread: Spread | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -1,6 +1,6 @@
 """The routes whose states at both ends deviate, and the largest values of limited quantities along them."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -11,6 +11,7 @@ from qtraj.design.proof.certify import certify
 from qtraj.design.proof.findings import Limit
 from qtraj.design.proof.route_segments import findings
 from qtraj.design.robust.driven import BLOCK
+from qtraj.design.robust.vehicles import deviating
 from qtraj.design.tuning_route.tuned_route import TunedRoute
 from qtraj.path.driving import segments_of
 from qtraj.path.quantity import quantity
@@ -33,15 +34,20 @@ class DrivenRoute(NamedTuple):
     between: Float[np.ndarray, " k"]
     limits: Limits
 
-    def largest(self, deviations: Float[np.ndarray, "n 12"]) -> Float[np.ndarray, "n k"]:
+    def largest(
+        self, deviations: Float[np.ndarray, "n 12"], vehicle: Float[np.ndarray, "n 2"] | None = None
+    ) -> Float[np.ndarray, "n k"]:
         """Return the largest values along the routes, the smallest for lower bounds, of the limited quantities.
 
-        `deviations` of the states [m, m/s]; NaN where a quantity is undefined somewhere on a segment that deviates.
+        `deviations` of the states [m, m/s] and, unless None, of the `vehicle` (see `deviating`); NaN where a quantity
+        is undefined somewhere on a segment that deviates.
         """
-        blocks = [deviations[first : first + BLOCK] for first in range(0, len(deviations), BLOCK)]
-        return np.concatenate([self._largest(x) for x in blocks])
+        blocks = [slice(first, first + BLOCK) for first in range(0, len(deviations), BLOCK)]
+        return np.concatenate([self._largest(deviations[x], None if vehicle is None else vehicle[x]) for x in blocks])
 
-    def _largest(self, deviations: Float[np.ndarray, "n 12"]) -> Float[np.ndarray, "n k"]:
+    def _largest(
+        self, deviations: Float[np.ndarray, "n 12"], vehicle: Float[np.ndarray, "n 2"] | None
+    ) -> Float[np.ndarray, "n k"]:
         given = self.limits.given()
         sides = np.array([quantity(name).side for name in given])
         start, end = np.split(deviations.reshape(-1, 4, 3), 2, axis=1)
@@ -51,17 +57,25 @@ class DrivenRoute(NamedTuple):
             ends.append((last, _change(self._h(last), AT_END, end)))
         else:
             ends[0] = 0, ends[0][1] + _change(self._h(0), AT_END, end)
-        values = [np.broadcast_to(self.between, (len(deviations), len(sides))), *(self._values(*x) for x in ends)]
+        values = [np.broadcast_to(self.between, (len(deviations), len(sides)))]
+        if vehicle is not None:
+            same = np.zeros((len(deviations), 6, 3))
+            values = [self._values(row, same, vehicle) for row in range(1, last)]
+        values += [self._values(*x, vehicle) for x in ends]
         return sides * np.max(sides * np.stack(values), axis=0)  # NaN remains NaN
 
     def _h(self, row: int) -> float:
         return float(self.segments.durations[row])
 
-    def _values(self, row: int, change: Float[np.ndarray, "n 6 3"]) -> Float[np.ndarray, "n k"]:
-        """Return the largest values on a segment whose coefficients change."""
-        if len(change) > 1 and not change.any():
-            return np.repeat(self._values(row, change[:1]), len(change), axis=0)
-        vehicle = self.limits.vehicle
+    def _values(
+        self, row: int, change: Float[np.ndarray, "n 6 3"], deviations: Float[np.ndarray, "n 2"] | None
+    ) -> Float[np.ndarray, "n k"]:
+        """Return the largest values on a segment whose coefficients change, for deviations of the vehicle."""
+        if len(change) > 1 and deviations is None and not change.any():
+            return np.repeat(self._values(row, change[:1], None), len(change), axis=0)
+        vehicle: Any = self.limits.vehicle
+        if deviations is not None:
+            vehicle = deviating(vehicle, deviations)
         count = len(change)
         same = self.segments.part(np.full(count, row))
         coefficients = np.zeros((count, max(6, same.coefficients.shape[1]), 3))

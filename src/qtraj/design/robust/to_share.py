@@ -19,6 +19,7 @@ from qtraj.design.tuning.outcome import Tuned
 from qtraj.design.tuning_route.tuned_route import TunedRoute
 from qtraj.foundation.outcome import ResultCode
 from qtraj.path.quantity import quantity
+from qtraj.path.vehicle import Vehicle
 
 CLOSE = 5e-4
 """Largest distance of the share from the wanted one."""
@@ -32,6 +33,9 @@ UPDATES = 3
 Otherwise two paths with different standard deviations could alternate.
 """
 
+MOST_DEVIATIONS = 8
+"""No sample deviates by as many standard deviations."""
+
 SLOPES = 0.3, 3.0
 """Smallest and largest change of the quantile of the share per change of the factor; it is about 1."""
 
@@ -44,14 +48,17 @@ class Deviating(Protocol):
         """The limits with which the paths are compared."""
         ...
 
-    def largest(self, deviations: Float[np.ndarray, "n 12"]) -> Float[np.ndarray, "n k"]:
+    def largest(
+        self, deviations: Float[np.ndarray, "n 12"], vehicle: Float[np.ndarray, "n 2"] | None = None
+    ) -> Float[np.ndarray, "n k"]:
         """Return the largest values, the smallest for lower bounds, of the limited quantities."""
         ...
 
 
 def satisfied(samples: Samples, paths: Deviating, spread: Spread) -> Bool[np.ndarray, " n"]:
     """Return for each sample whether all limits are satisfied on the whole path."""
-    values = paths.largest(samples.states * spread.states)
+    vehicle = None if samples.vehicle is None or not spread.vehicle.any() else samples.vehicle * spread.vehicle
+    values = paths.largest(samples.states * spread.states, vehicle)
     bounds, sides, sigmas = bounds_of(paths.limits, spread)
     sampled = bounds + sigmas * samples.limits[:, : len(bounds)]
     return np.all(sides * (sampled - values) >= 0, axis=1)
@@ -72,7 +79,7 @@ def tuned_to_share(
     """
     from scipy.special import ndtri  # imported here, so that `import qtraj` does not import SciPy
 
-    points = samples_of(samples, len(limits.given()), seed)
+    points = samples_of(samples, len(limits.given()), seed, bool(spread.vehicle.any()))
     wanted = float(ndtri(share))
     tuned, tight, factor, rounds = solve(limits), limits, 0.0, 1
     sigmas, slope, before = np.zeros(0), 1.0, (0.0, 0.0)
@@ -106,11 +113,13 @@ def _outcome(
 def _sigmas(paths: Deviating, spread: Spread) -> Float[np.ndarray, " k"]:
     """Return the standard deviations of the distances of the largest values from their limits, to first order.
 
-    Each component of the states changes by one standard deviation in both directions; the larger increase counts, which
-    is right also if two maxima of a quantity have almost the same value.
+    Each component of the states and of the vehicle changes by one standard deviation in both directions; the larger
+    increase counts, which is right also if two maxima of a quantity have almost the same value.
     """
-    steps = np.diag(spread.states)[spread.states > 0]
-    values = paths.largest(np.concatenate([np.zeros((1, STATES)), steps, -steps]))
+    sizes = np.concatenate([spread.states, spread.vehicle])
+    steps = np.diag(sizes)[sizes > 0]
+    points = np.concatenate([np.zeros((1, len(sizes))), steps, -steps])
+    values = paths.largest(points[:, :STATES], points[:, STATES:] if spread.vehicle.any() else None)
     _, sides, own = bounds_of(paths.limits, spread)
     changes = (sides * (values[1:] - values[0])).reshape(2, len(steps), len(sides))
     return np.sqrt(own**2 + np.sum(np.maximum(changes.max(axis=0), 0.0) ** 2, axis=0))
@@ -131,6 +140,20 @@ def require_share(call: str, limits: Limits, spread: Spread, share: float, sampl
         raise ValueError(f"seed must be an integer, 0 or more, but {seed!r} was given")
     refuse_obstacles(limits, call, "omit keep_out")
     limits.require_constant(call, "pass one value for the whole path")
+    if spread.vehicle.any():
+        _require_vehicle(limits.vehicle, spread)
     names = {each for name in limits.given() for each in (name, quantity(name).base or name)}
     if unknown := sorted(spread.limits.keys() - names):
         raise ValueError(f"spread.limits contains {unknown[0]!r}, but there is no such limit in limits")
+
+
+def _require_vehicle(vehicle: Vehicle | None, spread: Spread) -> None:
+    if vehicle is None:
+        raise ValueError("the vehicle deviates, but limits have none: pass Limits(..., vehicle=Vehicle(mass=...))")
+    if np.ndim(vehicle.mass) or vehicle.on_changing_road:
+        raise ValueError("one vehicle on a road that does not change is needed: pass bank and friction as numbers")
+    if not MOST_DEVIATIONS * spread.mass < float(np.asarray(vehicle.mass)):
+        raise ValueError(
+            f"the mass {float(np.asarray(vehicle.mass)):g} kg must be more than {MOST_DEVIATIONS} standard deviations, "
+            f"so that it stays positive, but a standard deviation of {spread.mass:g} kg was given"
+        )
