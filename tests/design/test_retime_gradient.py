@@ -62,16 +62,16 @@ def test_derivatives_in_the_limits_agree_with_finite_differences(values):
         lambda x: x[None], [x if k else x[1:] for k, x in enumerate(search._imposed(problem(at), TABLES))]
     )
     found = rounds.Result(*(x[0] for x in rounds.searched(TABLES, np.zeros(2, bool), None, *given)))
-    exact = jax.grad(lambda v: search._differentiable(search._imposed(problem(v), TABLES)[0], found)[1])(
-        jnp.asarray(at)
-    )
+
+    def differentiable(v):
+        return search._differentiable(search._imposed(problem(v), TABLES)[0], found)
+
+    exact = jax.jit(jax.grad(lambda v: differentiable(v)[1]))(jnp.asarray(at))
     pairs = [(shortest(at + d, found.used), shortest(at - d, found.used)) for d in STEP * np.diag(at)]
     slopes, of_timing = (np.array([np.asarray(a[k] - b[k]) for a, b in pairs]).T / (2 * STEP * at) for k in range(2))
     assert np.count_nonzero(slopes < -0.01) >= 3
     assert exact == pytest.approx(slopes, rel=1e-6, abs=1e-7)
-    timing = jax.jacfwd(lambda v: search._differentiable(search._imposed(problem(v), TABLES)[0], found)[0])(
-        jnp.asarray(at)
-    )
+    timing = jax.jit(jax.jacfwd(lambda v: differentiable(v)[0]))(jnp.asarray(at))
     np.testing.assert_allclose(timing, of_timing, rtol=1e-4, atol=1e-4 * np.abs(of_timing).max())
 
 
@@ -216,7 +216,7 @@ def test_velocity_and_acceleration_agree_at_rest(rest):
     time = 0.0 if rest == "start" else float(path.duration)
     for order in (1, 2):
         expected = path.derivatives(time, order + 1)[order + 1]
-        found = jax.jacfwd(lambda t, order=order: path.derivatives(t, order)[order])(time)
+        found = jax.jit(jax.jacfwd(lambda t, order=order: path.derivatives(t, order)[order]))(time)
         np.testing.assert_allclose(found, expected, atol=1e-12)
     assert np.linalg.norm(path.acceleration(time)) > 0.1
 
