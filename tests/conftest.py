@@ -33,9 +33,9 @@ UNUSED = 14 * 24 * 3600
 """[s] Compiled code of other versions or flags is deleted after this time without a run."""
 
 # Most of the time is spent on compiling code that runs once: by default, compile quickly rather than well.
-QUICKLY = ["--xla_backend_optimization_level=0", "--xla_cpu_parallel_codegen_split_count=1"]
-if jax.__version_info__ < (0, 11):
-    QUICKLY.append("--xla_cpu_use_fusion_emitters=false")  # later versions do not know it
+QUICKLY = ["--xla_backend_optimization_level=0"]
+if jax.__version_info__ < (0, 11):  # XLA ends the process at a flag that it does not know, as later versions might
+    QUICKLY += ["--xla_cpu_use_fusion_emitters=false", "--xla_cpu_parallel_codegen_split_count=1"]
 os.environ.setdefault("XLA_FLAGS", " ".join(QUICKLY))  # read when the first computation starts
 
 # As many processes as cores: threads of a process would only wait for each other, and waiting threads of OpenBLAS spin.
