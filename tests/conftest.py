@@ -21,9 +21,10 @@ from qtraj.foundation.compilation_cache import default_folder, enable_compilatio
 CHECKS_TYPES = os.environ.get("QTRAJ_TESTS_CHECK_TYPES", "") not in ("", "0")
 """Whether every shape and type is checked at run time, which doubles the tracing time."""
 
-MAX_MAPS, MAX_MEMORY, MAX_MEMORY_WITHIN = 40_000, 1.2e9, 1.8e9
+MAX_MAPS, MAX_MEMORY, MAX_MEMORY_WITHIN = 40_000, 1.8e9, 2.2e9
 """Numbers of memory maps and bytes of a test process above which compiled code is dropped; the kernel's limit is 65 530
-maps, and each compiled function has a few. Within a module, which may compile its functions again, more is allowed."""
+maps, and each compiled function has a few. Within a module, which may compile its functions again, more is allowed. No
+process may need more than 3 GB; dropped code is traced again by the next modules."""
 
 if "PYTEST_XDIST_WORKER" in os.environ:
     gc.disable()  # until all test modules are imported: there is nothing to collect
@@ -33,8 +34,8 @@ UNUSED = 14 * 24 * 3600
 
 # Most of the time is spent on compiling code that runs once: by default, compile quickly rather than well.
 QUICKLY = ["--xla_backend_optimization_level=0"]
-if jax.__version_info__ < (0, 11):
-    QUICKLY.append("--xla_cpu_use_fusion_emitters=false")  # later versions do not know it
+if jax.__version_info__ < (0, 11):  # XLA ends the process at a flag that it does not know, as later versions might
+    QUICKLY += ["--xla_cpu_use_fusion_emitters=false", "--xla_cpu_parallel_codegen_split_count=1"]
 os.environ.setdefault("XLA_FLAGS", " ".join(QUICKLY))  # read when the first computation starts
 
 # As many processes as cores: threads of a process would only wait for each other, and waiting threads of OpenBLAS spin.

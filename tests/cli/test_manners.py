@@ -29,8 +29,6 @@ from qtraj.io import instants_csv
 from qtraj.scenario import KINDS
 from qtraj.viz.result_files import obsolete_files
 
-from .loop_scenarios import LAW, SLEW
-
 SOURCE = Path(__file__).parents[2] / "src"
 EXAMPLES = Path(__file__).parents[2] / "examples"
 HELIX, SIMULATION = EXAMPLES / "helix.toml", EXAMPLES / "simulate_ramp.toml"
@@ -365,7 +363,7 @@ def process(arguments, **environment):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT for one process of a group")
 @pytest.mark.usefixtures("interruptible")
-def test_ctrl_c_in_a_running_process_leaves_nothing(tmp_path):
+def test_ctrl_c_in_a_running_process_leaves_nothing_but_its_compilations(tmp_path):
     """Interrupted once it computes, which it does when the first compilation lies in its cache."""
     cache, out = tmp_path / "cache", tmp_path / "results"
     command = [sys.executable, "-m", "qtraj", "simulate", str(SIMULATION), "--out", str(out)]
@@ -381,6 +379,7 @@ def test_ctrl_c_in_a_running_process_leaves_nothing(tmp_path):
     assert (printed, last) == (b"", b"interrupted")
     assert all(re.fullmatch(rb".* \(\d+ s\)", line) for line in progress), told
     assert [file.name for file in tmp_path.iterdir()] == ["cache"]
+    assert any((cache / "qtraj" / "jax").iterdir())
 
 
 def test_a_process_computes_in_float64():
@@ -389,14 +388,6 @@ def test_a_process_computes_in_float64():
     curvature = json.loads(done.stdout)["columns"]["curvature"][0]
     rate = 0.39269908169872414
     assert curvature == pytest.approx(10 * rate**2 / (100 * rate**2 + 0.25**2), rel=1e-14)
-
-
-def test_a_process_keeps_its_compilations(tmp_path):
-    (tmp_path / "s.toml").write_text(SLEW + LAW)
-    arguments = ["-m", "qtraj", "simulate", str(tmp_path / "s.toml"), "--samples", "2", "--json", "--quiet"]
-    done = process(arguments, XDG_CACHE_HOME=str(tmp_path))
-    assert (done.returncode, done.stderr) == (0, "")
-    assert any((tmp_path / "qtraj" / "jax").iterdir())
 
 
 def test_neither_a_cache_that_cannot_be_made_nor_a_terminal_without_greek_is_an_error(tmp_path):

@@ -111,8 +111,37 @@ def shell(words):
     return False
 
 
+OUTPUTS: dict[tuple[str, ...], dict[Path, bytes]] = {}
+"""The files that commands of earlier pages wrote, for commands that read only the project's examples."""
+
+
+def files():
+    """The files of the current folder, except the examples."""
+    here = Path()
+    return {file for file in here.rglob("*") if file.is_file() and file.parts[0] != "examples"}
+
+
 def qtraj(arguments):
-    """Run the command line, or check that its option exists; return whether it ran."""
+    """Run the command line, or check that its option exists; return whether it ran.
+
+    A command that several pages repeat runs on the first of them.
+    """
+    read = [word for word in arguments if Path(word).exists()]
+    if "--out" not in arguments or any(not word.startswith("examples/") for word in read):
+        return run_command(arguments)
+    if written := OUTPUTS.get(tuple(arguments)):
+        for file, content in written.items():
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(content)
+        return True
+    before = files()
+    ran = run_command(arguments)
+    OUTPUTS[tuple(arguments)] = {file: file.read_bytes() for file in files() - before}
+    return ran
+
+
+def run_command(arguments):
+    """Run a command, or check that its option exists; return whether it ran."""
     runner = CliRunner()
     if WITHOUT_EFFECT & set(arguments):
         assert arguments[0] in runner.invoke(application(), ["--help"], prog_name="qtraj").output

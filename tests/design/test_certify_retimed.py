@@ -224,31 +224,36 @@ def test_traced_cells_of_different_lengths_are_not_proved():
     assert status(np.linspace(0.0, 19.0, 17)) == {"curvature": "undecided", "speed": "sampled"}
 
 
-@pytest.mark.parametrize("count", [2, 3])
-def test_a_batch_of_paths_with_one_vehicle(count):
+@pytest.fixture(scope="module")
+def corners():
+    """Three corners driven by one car, each with its own limit, and their certificates one by one."""
     corner = qt.SpiralHelix.hermite(
         qt.BoundaryState([30.0, 0, 0], [0, 10.0, 1]), qt.BoundaryState([0, 45.0, 8], [-12.0, 2, 0]), 6.0
     )
     car = qt.Vehicle(1500.0, drag_area=0.7, rolling_resistance=0.012, friction=(1.0, 0.4), bank=0.05)
-    limits = qt.Limits(friction=0.9, power=1e5, vehicle=car)
-    single = [
+    limits = [qt.Limits(friction=jnp.asarray(x), power=1e5, vehicle=car) for x in (0.9, 0.7, 0.8)]
+    timed = [
         qt.retime(
             qt.SpiralHelix(corner.radius * k, corner.angle, corner.height, corner.duration),
-            limits,
+            qt.Limits(friction=0.9, power=1e5, vehicle=car),
             start_speed=0.0,
             knots=16,
         ).path
-        for k in np.linspace(1.0, 1.2, count)
+        for k in (1.2, 1.0, 1.1)
     ]
+    return timed, limits, [qt.certify(path, own) for path, own in zip(timed, limits, strict=True)]
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_a_batch_of_paths_with_one_vehicle(corners, count):
+    """Three paths are as many as there are coordinates."""
+    single, limits, alone = (each[:count] for each in corners)
     timed = jax.tree.map(lambda *x: jnp.stack(x), *single)
-    friction = jnp.linspace(0.7, 0.9, count)  # one limit for each path
-    of_each = eqx.tree_at(lambda own: own.friction, limits, friction)
-    together = qt.certify(timed, of_each)
+    friction = jnp.stack([own.friction for own in limits])
+    together = qt.certify(timed, eqx.tree_at(lambda own: own.friction, limits[0], friction))
     for k in range(count):
-        own = qt.Limits(friction=friction[k], power=1e5, vehicle=car)
-        alone = qt.certify(single[k], own)
-        np.testing.assert_array_equal(together.codes[k], alone.codes)
-        np.testing.assert_allclose(together.values[k], alone.values, rtol=1e-9)
+        np.testing.assert_array_equal(together.codes[k], alone[k].codes)
+        np.testing.assert_allclose(together.values[k], alone[k].values, rtol=1e-9)
 
 
 def test_traced_limits_of_a_retimed_route():

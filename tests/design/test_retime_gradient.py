@@ -62,16 +62,16 @@ def test_derivatives_in_the_limits_agree_with_finite_differences(values):
         lambda x: x[None], [x if k else x[1:] for k, x in enumerate(search._imposed(problem(at), TABLES))]
     )
     found = rounds.Result(*(x[0] for x in rounds.searched(TABLES, np.zeros(2, bool), None, *given)))
-    exact = jax.grad(lambda v: search._differentiable(search._imposed(problem(v), TABLES)[0], found)[1])(
-        jnp.asarray(at)
-    )
+
+    def differentiable(v):
+        return search._differentiable(search._imposed(problem(v), TABLES)[0], found)
+
+    exact = jax.jit(jax.grad(lambda v: differentiable(v)[1]))(jnp.asarray(at))
     pairs = [(shortest(at + d, found.used), shortest(at - d, found.used)) for d in STEP * np.diag(at)]
     slopes, of_timing = (np.array([np.asarray(a[k] - b[k]) for a, b in pairs]).T / (2 * STEP * at) for k in range(2))
     assert np.count_nonzero(slopes < -0.01) >= 3
     assert exact == pytest.approx(slopes, rel=1e-6, abs=1e-7)
-    timing = jax.jacfwd(lambda v: search._differentiable(search._imposed(problem(v), TABLES)[0], found)[0])(
-        jnp.asarray(at)
-    )
+    timing = jax.jit(jax.jacfwd(lambda v: differentiable(v)[0]))(jnp.asarray(at))
     np.testing.assert_allclose(timing, of_timing, rtol=1e-4, atol=1e-4 * np.abs(of_timing).max())
 
 
@@ -97,11 +97,11 @@ def test_quantities_along_the_path_are_differentiable():
         return jnp.concatenate([*motion, timed.speeds, jnp.stack([path.duration, timed.duration])])
 
     path = qt.retime(PATH, qt.Limits(lateral_acceleration=lateral), knots=CELLS).path
-    value, forward = jax.jvp(along, (1.0,), (1.0,))
+    (value, forward), reverse = jax.jit(lambda x: (jax.jvp(along, (x,), (1.0,)), jax.jacrev(along)(x)))(1.0)
     velocity = path.velocity(1.0)
     exact = jnp.concatenate([velocity, velocity + path.acceleration(1.0), value[6:8], -value[8:]]) / 2
     np.testing.assert_allclose(forward, exact, rtol=1e-6, atol=1e-6)
-    np.testing.assert_allclose(jax.jacrev(along)(1.0), forward, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(reverse, forward, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize("second", [lambda f: jax.jacrev(jax.jacrev(f)), lambda f: jax.jacfwd(jax.jacfwd(f))])
@@ -216,7 +216,7 @@ def test_velocity_and_acceleration_agree_at_rest(rest):
     time = 0.0 if rest == "start" else float(path.duration)
     for order in (1, 2):
         expected = path.derivatives(time, order + 1)[order + 1]
-        found = jax.jacfwd(lambda t, order=order: path.derivatives(t, order)[order])(time)
+        found = jax.jit(jax.jacfwd(lambda t, order=order: path.derivatives(t, order)[order]))(time)
         np.testing.assert_allclose(found, expected, atol=1e-12)
     assert np.linalg.norm(path.acceleration(time)) > 0.1
 
@@ -231,5 +231,5 @@ def test_the_ends_at_rest_do_not_depend_on_the_unit_of_time():
         times = jnp.stack([jnp.zeros_like(timed.duration), timed.duration])
         return jax.vmap(timed.position)(times), jax.vmap(timed.velocity)(times), jax.vmap(timed.acceleration)(times)
 
-    for change in jax.jvp(ends, (1.0,), (1.0,))[1]:
+    for change in jax.jit(lambda x: jax.jvp(ends, (x,), (1.0,))[1])(1.0):
         np.testing.assert_allclose(change, 0.0, atol=1e-5)

@@ -67,7 +67,7 @@ def test_derivatives_with_respect_to_the_progress(route):
         return from_segments(jnp.asarray(starts), jnp.asarray(c), duration, origin, own).position(0.7)[2]
 
     own, h = jnp.asarray(segments()[4]), 1e-6
-    slope = jax.grad(height)(own)
+    slope = jax.jit(jax.grad(height))(own)
     for place in ((0, 0), (0, 2), (0, 3)):
         step = np.zeros(own.shape)
         step[place] = h

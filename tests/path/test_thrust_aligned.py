@@ -129,7 +129,7 @@ def test_forward_and_reverse_derivatives_agree_with_differences():
         return here.dcm().sum() + here.rate @ jnp.arange(1.0, 4.0) + here.acceleration.sum()
 
     x, h = 0.3, 1e-5
-    forward, reverse = jax.jacfwd(thrust)(x), jax.jacrev(thrust)(x)
+    forward, reverse = jax.jit(lambda x: (jax.jacfwd(thrust)(x), jax.jacrev(thrust)(x)))(x)
     assert float(forward) == pytest.approx(float(reverse), rel=1e-11)
     assert float(forward) == pytest.approx(float(thrust(x + h) - thrust(x - h)) / (2 * h), rel=1e-7)
 

@@ -83,10 +83,10 @@ def test_the_state_of_a_law_on_a_rigid_body_and_its_derivatives():
     def last(k3):
         return run(Integral(3.0, 3.0, k3), span=5.0, n=2, body=body, adjoint=diffrax.ForwardMode()).error[-1, 1]
 
-    at, step = jnp.array([0.5, 1.0]), 1e-4
-    both = jax.jit(jax.vmap(lambda k: jax.jvp(last, (k,), (1.0,))))
-    values, slopes = both(jnp.concatenate([at - step, at, at + step]))
-    np.testing.assert_allclose(slopes[2:4], (values[4:] - values[:2]) / (2 * step), atol=1e-7)
+    step, both = 1e-4, jax.jit(lambda k: jax.jvp(last, (k,), (1.0,)))
+    for at in (0.5, 1.0):
+        (before, _), (_, slope), (after, _) = (both(at + change) for change in (-step, 0.0, step))
+        np.testing.assert_allclose(slope, (after - before) / (2 * step), atol=1e-7)
 
 
 def test_the_lag_of_an_actuator_follows_its_equation():

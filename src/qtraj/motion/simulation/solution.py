@@ -15,6 +15,7 @@ from jaxtyping import Array, Float, Int
 from qtraj.foundation import document
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.document import reads_older, storable
+from qtraj.foundation.namespace import in_numpy, xp
 from qtraj.foundation.outcome import AbstractOutcome, ResultCode, renumbered
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import batch_prefix, extent, times_text
@@ -162,8 +163,7 @@ class Solution(AbstractOutcome):
 
         The result is NaN if the angle exceeds `within` at the last instant, or if an instant was not reached.
         """
-        find = jnp.vectorize(_settled, signature="(n),(n),()->()")
-        return find(self.times, _required(self.angle), as_float(within).astype(self.times.dtype))
+        return _settled(self.times, _required(self.angle), as_float(within).astype(self.times.dtype))
 
     @property
     def peak_command(self) -> Float[Array, "*batch"]:
@@ -171,7 +171,7 @@ class Solution(AbstractOutcome):
 
         The value is NaN if an instant was not reached.
         """
-        return jnp.max(_lengths(self.physical_command), axis=-1)
+        return _largest(self.physical_command)
 
 
 def _brief(text: str) -> str:
@@ -179,21 +179,35 @@ def _brief(text: str) -> str:
     return re.split("[:,.]", text, maxsplit=1)[0]
 
 
+@in_numpy
 def _lengths(x: Array) -> Array:
-    square = jnp.sum(x * x, axis=-1)
+    square = xp.sum(x * x, axis=-1)
     positive = square > 0
-    safe = jnp.sqrt(jnp.where(positive, square, 1.0))
-    return jnp.where(positive | jnp.isnan(square), safe + 0 * square, 0.0)
+    safe = xp.sqrt(xp.where(positive, square, 1.0))
+    return xp.where(positive | xp.isnan(square), safe + 0 * square, 0.0)
 
 
+@in_numpy
+def _largest(x: Array) -> Array:
+    return xp.max(_lengths(x), axis=-1)
+
+
+@in_numpy
 def _settled(times: Array, angle: Array, within: Array) -> Array:
-    outside = ~(angle <= within)
-    last = jnp.max(jnp.where(outside, jnp.arange(times.size), -1))
-    here, after = jnp.maximum(last, 0), jnp.minimum(last + 1, times.size - 1)
-    settled = (last < times.size - 1) & jnp.isfinite(angle[here])
-    fall = jnp.where((last >= 0) & settled, angle[here] - angle[after], 1.0)
-    inner = times[here] + (angle[here] - within) / fall * (times[after] - times[here])
-    return jnp.where(last < 0, times[0], jnp.where(settled, inner, jnp.nan))
+    outside = ~(angle <= within[..., None])
+    end = outside.shape[-1] - 1
+    last = xp.max(xp.where(outside, np.arange(end + 1), -1), axis=-1)
+    here, after = xp.maximum(last, 0), xp.minimum(last + 1, end)
+    (t, t_after), (x, x_after) = ([_at(values, outside.shape, k) for k in (here, after)] for values in (times, angle))
+    settled = (last < end) & xp.isfinite(x)
+    fall = xp.where((last >= 0) & settled, x - x_after, 1.0)
+    inner = t + (x - within) / fall * (t_after - t)
+    return xp.where(last < 0, xp.broadcast_to(times, outside.shape)[..., 0], xp.where(settled, inner, np.nan))
+
+
+def _at(values: Array, shape: tuple[int, ...], k: Array) -> Array:
+    """Return the values (*batch, n) at the places `k` (*batch,)."""
+    return xp.take_along_axis(xp.broadcast_to(values, shape), k[..., None], axis=-1)[..., 0]
 
 
 def _required(column: Array | None) -> Array:
