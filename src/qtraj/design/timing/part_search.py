@@ -14,7 +14,7 @@ from qtraj.design.timing.cells import Shape
 from qtraj.design.timing.grid import Grid, path_derivatives
 from qtraj.design.timing.parts import Part, known_segments
 from qtraj.design.timing.relaxed import Task
-from qtraj.design.timing.rounds import last_gap
+from qtraj.design.timing.rounds import NOT_ROUGH, Rough, last_gap
 from qtraj.design.timing.search import Draft, Found, Problem, completed, drafted, fastest
 from qtraj.design.timing.sources import Source
 from qtraj.design.timing.spline import inserted
@@ -121,10 +121,10 @@ class Drafted(NamedTuple):
         """Return the times in the cells [s]."""
         return np.diff(np.asarray(Timing(self.powers, self.knots, self.rest).times))
 
-    def completed(self, jerk: bool) -> Searched:
+    def completed(self, jerk: bool, rough: Rough = NOT_ROUGH) -> Searched:
         """Return the result of all searches; `jerk` is whether the jerk is limited."""
         enough = last_gap(self.draft.tables.grid.cells, jerk)
-        return Searched(self.grid, completed(self.draft), self.knots, enough, self.rest)
+        return Searched(self.grid, completed(self.draft, rough), self.knots, enough, self.rest)
 
 
 def searched(p: Posed, part: Part, grid: Grid, ends: Any, rest: tuple[bool, bool]) -> Searched:
@@ -140,6 +140,7 @@ def first_search(
     ends: Any,
     rest: tuple[bool, bool],
     before: Drafted | Searched | None = None,
+    rough: Rough = NOT_ROUGH,
 ) -> Drafted:
     """Return the first search on a grid, which starts from the timing `before` on cells that `grid` divides."""
     problem, t, knots = _problem(p, part, grid, ends, rest)
@@ -147,7 +148,7 @@ def first_search(
     if before is not None:
         scale = grid.knots[-1] / before.grid.knots[-1]
         first = inserted(t.grid.knots, before.powers, before.grid.knots * scale, p.lap)
-    return Drafted(grid, drafted(problem, t, first), knots, rest)
+    return Drafted(grid, drafted(problem, t, first, rough), knots, rest)
 
 
 def _problem(

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from qtraj.design.solve.convex import STALLED, State, begun, continued, solve
+from qtraj.design.solve.convex import STALLED, VIOLATED, State, begun, continued, solve
 from qtraj.design.timing.boundedness import unbounded
 from qtraj.design.timing.constraint_values import squares, tightened, used
 from qtraj.design.timing.constraints import Parts
@@ -35,6 +35,17 @@ ROUNDS, ALLOWED = 10, 8e-6
 
 FAILURES = 2
 """Number of searches without convergence, after which no further search is begun."""
+
+
+class Rough(NamedTuple):
+    """The relative optimality error and the violation between nodes at which the searches end, if they are larger."""
+
+    draft: float = 0.0
+    gap: float = 0.0
+    violation: float = ALLOWED
+
+
+NOT_ROUGH = Rough()
 
 OVER = 2.0
 """After a search, limits are tightened by `OVER` times the relative violation at `CHECKED` points of each cell. From
@@ -82,6 +93,7 @@ def searched(
     between: Parts,
     rounds: int = ROUNDS,
     held: tuple[float | None, float | None] = (None, None),
+    rough: Rough = NOT_ROUGH,
 ) -> Result:
     """Repeat the search for a batch of problems until the limits are satisfied between the nodes, too.
 
@@ -99,12 +111,13 @@ def searched(
         used, usage = factors.copy(), np.zeros((between.upper.shape[0] + count - 1, size, cells))
         if begins:
             usage[:, 0] = start.usage
-            factors *= _tighter(between, usage, state.error < GAPS[0], 0)
+            factors *= _tighter(between, usage, state.error < max(GAPS[0], rough.draft), 0)
         which, own, places, failures = np.arange(size), program, between, np.zeros(size, int)
         for search in range(begins, rounds):
             imposed = own._replace(constraints=tightened(own.constraints, at_nodes(factors[:, which])))
-            enough = np.full(which.size, GAPS[0] if search == 0 else last_gap(cells, own.constraints.jerk is not None))
-            last = solve(imposed, continued(imposed, state.chosen(which)), enough)
+            gap = max(GAPS[0], rough.draft) if search == 0 else max(last_gap(cells, own.constraints.jerk is not None), rough.gap)
+            enough = np.full(which.size, gap)
+            last = solve(imposed, continued(imposed, state.chosen(which)), enough, max(VIOLATED, rough.draft if search == 0 else rough.gap))
             # A search that fails after a good one leaves the result of this one, which is slowed down.
             good = np.isfinite(last.z).all(axis=1) | (search == 0)
             state.store(which[good], last.chosen(good))
@@ -115,7 +128,7 @@ def searched(
             if search + 1 < len(GAPS):
                 continue
             goes_on = (
-                (found.max(axis=(0, 2)) > 1 + ALLOWED) & np.isfinite(last.error) & good & (failures[which] < FAILURES)
+                (found.max(axis=(0, 2)) > 1 + rough.violation) & np.isfinite(last.error) & good & (failures[which] < FAILURES)
             )
             if not goes_on.all():
                 which, own = which[goes_on], own.chosen(goes_on)
