@@ -24,12 +24,13 @@ BALANCE = 0.001
 """The target of the duality gap is at least this fraction of the residuals, so that both converge together."""
 
 VIOLATED = 1e-6
-"""The largest violation of a constraint, relative to its limit, at which a search may end."""
+"""The largest violation of a constraint, relative to its limit, at which a search usually may end."""
 
 SLACK = 1.0
 """The smallest initial slack. With smaller slacks, the first steps would be short."""
 
 RAISED = 0.01
+"""After constraints were tightened, slacks are at least this fraction of the largest violation."""
 
 MAX_STEPS = 100
 
@@ -147,7 +148,10 @@ def continued(p: Program, s: State) -> State:
 
 
 def solve(program: Program, start: State, enough: PerProblem, violated: float = VIOLATED) -> State:
-    """Compute the optimal variables; stop if the optimality error is below `enough`, or after `MAX_STEPS` steps."""
+    """Compute the optimal variables; stop if the optimality error is below `enough`, or after `MAX_STEPS` steps.
+
+    No constraint may be violated by more than `violated` at the end.
+    """
     result = State(*(x.copy() for x in start))
     s, which, last = start, np.arange(len(start.steps)), start.steps + MAX_STEPS
     best, since = start.error.copy(), start.steps.copy()
@@ -165,7 +169,7 @@ def solve(program: Program, start: State, enough: PerProblem, violated: float = 
     return result
 
 
-def _step(p: Program, s: State, enough: PerProblem, violated: float = VIOLATED) -> State:
+def _step(p: Program, s: State, enough: PerProblem, violated: float) -> State:
     """Return the next iterates."""
     z, inv_slacks, inv_multipliers = s.multipliers, 1 / s.slacks, 1 / s.multipliers
     ratio = z * inv_slacks

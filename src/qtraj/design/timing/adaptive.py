@@ -39,8 +39,8 @@ FIRST, ACCURACY, ACCURACY_COUPLED = 2.0, 0.8, 0.2
 `COUPLED`."""
 
 ENOUGH, CHANGE, ATTEMPTS = 0.9, 0.2, 10
-"""As fractions of the tolerance, the distance of a draft from the relaxed timing, and the change of its duration, at
-which the limits are imposed between the nodes, too; and how often cells are halved."""
+"""As fractions of the tolerance, the predicted distance from the relaxed timing, and the change of the duration of a
+draft, at which the limits are imposed between the nodes, too; and how often cells are halved."""
 
 AGAIN = 0.2
 """As a fraction of the tolerance, the accuracy of the first cells after a failed search."""
@@ -65,6 +65,8 @@ LEAST_RATIO, LARGEST_RATIO = 0.6, 0.9
 """Bounds on the assumed ratio of the times that two successive halvings of all cells gain."""
 
 ROUGH = (0.1, 0.01, 0.1)
+"""The fields of `Rough` as fractions of the tolerance, if the relaxed timing bounds the duration, so that the loss is
+known."""
 
 COARSE = 0.03
 """Accuracy of the first cells with a limit on the jerk, because the relaxed timing ignores it."""
@@ -106,7 +108,7 @@ def on_chosen_cells(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool]) ->
     exact = bounds and not p.others and not COUPLED & limited and not by_speed and not excludes_zero(p.bounds)
 
     enough = max(GAPS[0], LEAST_ERROR * p.tolerance)
-    rough = Rough(*(x*p.tolerance for x in ROUGH)) if exact else NOT_ROUGH
+    rough = Rough(*(x * p.tolerance for x in ROUGH)) if exact else NOT_ROUGH
 
     def draft_on(cells: Cells, before: Drafted | Searched | None = None) -> Drafted:
         grid = cells.grid(shape.spans, part.first)

@@ -38,11 +38,15 @@ FAILURES = 2
 
 
 class Rough(NamedTuple):
-    """The relative optimality error and the violation between nodes at which the searches end, if they are larger."""
+    """Relative errors at which searches end, where they are larger than the usual ones.
+
+    `draft` and `gap` are the optimality errors of the first search and of all others; a search ends only if the limits
+    are exceeded by no more at the nodes. `violation` is allowed between the nodes; the timing is slowed down by it.
+    """
 
     draft: float = 0.0
     gap: float = 0.0
-    violation: float = ALLOWED
+    violation: float = 0.0
 
 
 NOT_ROUGH = Rough()
@@ -103,7 +107,7 @@ def searched(
     """
     of_nodes, between = jax.tree.map(lambda x: np.ascontiguousarray(np.moveaxis(x, 0, -3)), (of_nodes, between))
     program, within = Program(t.nodes, *of_nodes), t.within
-    cells, count = within.shape[-1], program.constraints.per_node
+    cells, count, jerk = within.shape[-1], program.constraints.per_node, program.constraints.jerk is not None
     with np.errstate(all="ignore"):  # a failed search ends with NaN
         state = _first_iterate(program, start, held)
         size, begins = len(state.steps), int(isinstance(start, Result))
@@ -115,9 +119,10 @@ def searched(
         which, own, places, failures = np.arange(size), program, between, np.zeros(size, int)
         for search in range(begins, rounds):
             imposed = own._replace(constraints=tightened(own.constraints, at_nodes(factors[:, which])))
-            gap = max(GAPS[0], rough.draft) if search == 0 else max(last_gap(cells, own.constraints.jerk is not None), rough.gap)
-            enough = np.full(which.size, gap)
-            last = solve(imposed, continued(imposed, state.chosen(which)), enough, max(VIOLATED, rough.draft if search == 0 else rough.gap))
+            usual, larger = (GAPS[0], rough.draft) if search == 0 else (last_gap(cells, jerk), rough.gap)
+            enough = np.full(which.size, max(usual, larger))
+            first = continued(imposed, state.chosen(which))
+            last = solve(imposed, first, enough, max(VIOLATED, larger))
             # A search that fails after a good one leaves the result of this one, which is slowed down.
             good = np.isfinite(last.z).all(axis=1) | (search == 0)
             state.store(which[good], last.chosen(good))
@@ -128,7 +133,10 @@ def searched(
             if search + 1 < len(GAPS):
                 continue
             goes_on = (
-                (found.max(axis=(0, 2)) > 1 + rough.violation) & np.isfinite(last.error) & good & (failures[which] < FAILURES)
+                (found.max(axis=(0, 2)) > 1 + max(ALLOWED, rough.violation))
+                & np.isfinite(last.error)
+                & good
+                & (failures[which] < FAILURES)
             )
             if not goes_on.all():
                 which, own = which[goes_on], own.chosen(goes_on)
