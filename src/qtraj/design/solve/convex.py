@@ -29,9 +29,6 @@ VIOLATED = 1e-6
 SLACK = 1.0
 """The smallest initial slack. With smaller slacks, the first steps would be short."""
 
-RAISED = 0.01
-"""After constraints were tightened, slacks are at least this fraction of the largest violation."""
-
 MAX_STEPS = 100
 
 STALLED, AGAIN = 1e-4, 8
@@ -135,16 +132,17 @@ def begun(p: Program, z: Variables) -> State:
     return State(z, slacks, multipliers, np.zeros(len(z), np.int32), np.full(len(z), np.inf))
 
 
-def continued(p: Program, s: State) -> State:
+def continued(p: Program, s: State, least: float = 1.0) -> State:
     """Return iterates for constraints that were tightened after a search.
 
-    Slacks and multipliers that are almost zero are increased, because they would make the next steps short.
+    Slacks and multipliers that are almost zero are increased, because they would make the next steps short: slacks to the
+    fraction `least` of the largest violation. A smaller fraction needs fewer steps, but multipliers become less exact.
     """
     violations = p.values(s.z)
-    least = _over(RAISED * np.maximum(_max(violations), 0.0), violations)
-    slacks = np.maximum(np.maximum(s.slacks, np.abs(violations)), least)
-    least = _over(_sum(slacks * s.multipliers) / slacks[:, 0].size, slacks) / slacks
-    return State(s.z, slacks, np.maximum(s.multipliers, least), s.steps, np.full_like(s.error, np.inf))
+    lowest = _over(least * np.maximum(_max(violations), 0.0), violations)
+    slacks = np.maximum(np.maximum(s.slacks, np.abs(violations)), lowest)
+    smallest = _over(_sum(slacks * s.multipliers) / slacks[:, 0].size, slacks) / slacks
+    return State(s.z, slacks, np.maximum(s.multipliers, smallest), s.steps, np.full_like(s.error, np.inf))
 
 
 def solve(program: Program, start: State, enough: PerProblem, violated: float = VIOLATED) -> State:

@@ -34,8 +34,8 @@ from qtraj.design.timing.rounds import GAPS, LEAST_ERROR, NOT_ROUGH, Rough
 from qtraj.design.timing.sided import excludes_zero
 from qtraj.path.quantity import quantity
 
-FIRST, ACCURACY, ACCURACY_COUPLED = 2.0, 0.8, 0.2
-"""As fractions of the tolerance, the accuracies of the first cells, and of halved cells without and with a limit of
+FIRST, FIRST_COUPLED, ACCURACY, ACCURACY_COUPLED = 2.0, 0.5, 0.8, 0.2
+"""As fractions of the tolerance, the accuracies of the first cells and of halved cells, without and with a limit of
 `COUPLED`."""
 
 ENOUGH, CHANGE, ATTEMPTS = 0.9, 0.2, 10
@@ -64,9 +64,9 @@ COARSER = 3
 LEAST_RATIO, LARGEST_RATIO = 0.6, 0.9
 """Bounds on the assumed ratio of the times that two successive halvings of all cells gain."""
 
-ROUGH = (0.1, 0.01, 0.1)
-"""The fields of `Rough` as fractions of the tolerance, if the relaxed timing bounds the duration, so that the loss is
-known."""
+ROUGH, SLACK = (0.1, 0.01, 0.1), 0.01
+"""The first fields of `Rough` as fractions of the tolerance, and its last field, if the relaxed timing bounds the
+duration, so that the loss is known."""
 
 COARSE = 0.03
 """Accuracy of the first cells with a limit on the jerk, because the relaxed timing ignores it."""
@@ -102,13 +102,15 @@ def on_chosen_cells(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool]) ->
     """
     shape = shape_of(p.path, part, [path for path, _ in p.others])
     task = task_of(p, ends, part, rest, shape)
-    cells, bounds = chosen(shape, task, COARSE if p.limits_jerk else FIRST * p.tolerance)
     limited = {quantity(name).base or name for name in p.names}
     by_speed = any(isinstance(x, OfSpeed) for x in p.bounds.values())
-    exact = bounds and not p.others and not COUPLED & limited and not by_speed and not excludes_zero(p.bounds)
+    coupled = bool(p.others or COUPLED & limited or by_speed or excludes_zero(p.bounds))
+    first = (FIRST_COUPLED if coupled else FIRST) * p.tolerance
+    cells, bounds = chosen(shape, task, COARSE if p.limits_jerk else first)
+    exact = bounds and not coupled
 
     enough = max(GAPS[0], LEAST_ERROR * p.tolerance)
-    rough = Rough(*(x * p.tolerance for x in ROUGH)) if exact else NOT_ROUGH
+    rough = Rough(*(x * p.tolerance for x in ROUGH), SLACK) if exact else NOT_ROUGH
 
     def draft_on(cells: Cells, before: Drafted | Searched | None = None) -> Drafted:
         grid = cells.grid(shape.spans, part.first)

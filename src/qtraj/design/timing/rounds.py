@@ -42,11 +42,13 @@ class Rough(NamedTuple):
 
     `draft` and `gap` are the optimality errors of the first search and of all others; a search ends only if the limits
     are exceeded by no more at the nodes. `violation` is allowed between the nodes; the timing is slowed down by it.
+    `slack` is the argument `least` of `continued`.
     """
 
     draft: float = 0.0
     gap: float = 0.0
     violation: float = 0.0
+    slack: float = 1.0
 
 
 NOT_ROUGH = Rough()
@@ -121,7 +123,7 @@ def searched(
             imposed = own._replace(constraints=tightened(own.constraints, at_nodes(factors[:, which])))
             usual, larger = (GAPS[0], rough.draft) if search == 0 else (last_gap(cells, jerk), rough.gap)
             enough = np.full(which.size, max(usual, larger))
-            first = continued(imposed, state.chosen(which))
+            first = continued(imposed, state.chosen(which), rough.slack)
             last = solve(imposed, first, enough, max(VIOLATED, larger))
             # A search that fails after a good one leaves the result of this one, which is slowed down.
             good = np.isfinite(last.z).all(axis=1) | (search == 0)
