@@ -135,8 +135,9 @@ def begun(p: Program, z: Variables) -> State:
 def continued(p: Program, s: State, least: float = 1.0) -> State:
     """Return iterates for constraints that were tightened after a search.
 
-    Slacks and multipliers that are almost zero are increased, because they would make the next steps short: slacks to the
-    fraction `least` of the largest violation. A smaller fraction needs fewer steps, but multipliers become less exact.
+    Slacks and multipliers that are almost zero are increased, because they would make the next steps short: slacks to
+    the fraction `least` of the largest violation. A smaller fraction needs fewer steps, but multipliers become less
+    exact.
     """
     violations = p.values(s.z)
     lowest = _over(least * np.maximum(_max(violations), 0.0), violations)
