@@ -64,9 +64,9 @@ COARSER = 3
 LEAST_RATIO, LARGEST_RATIO = 0.6, 0.9
 """Bounds on the assumed ratio of the times that two successive halvings of all cells gain."""
 
-ROUGH, SLACK = (0.1, 0.01, 0.1), 0.01
-"""The first fields of `Rough` as fractions of the tolerance, and its last field, if the relaxed timing bounds the
-duration, so that the loss is known."""
+ROUGH = Rough(draft=0.1, gap=0.01, violation=0.1, slack=0.01)
+"""How rough searches are if the relaxed timing bounds the duration, so that the loss is known; errors are fractions of the
+tolerance."""
 
 COARSE = 0.03
 """Accuracy of the first cells with a limit on the jerk, because the relaxed timing ignores it."""
@@ -110,7 +110,7 @@ def on_chosen_cells(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool]) ->
     exact = bounds and not coupled
 
     enough = max(GAPS[0], LEAST_ERROR * p.tolerance)
-    rough = Rough(*(x * p.tolerance for x in ROUGH), SLACK) if exact else NOT_ROUGH
+    rough = ROUGH.times(p.tolerance) if exact else NOT_ROUGH
 
     def draft_on(cells: Cells, before: Drafted | Searched | None = None) -> Drafted:
         grid = cells.grid(shape.spans, part.first)

@@ -50,6 +50,10 @@ class Rough(NamedTuple):
     violation: float = 0.0
     slack: float = 1.0
 
+    def times(self, tolerance: float) -> "Rough":
+        """Return the same with the errors multiplied by a tolerance."""
+        return Rough(tolerance * self.draft, tolerance * self.gap, tolerance * self.violation, self.slack)
+
 
 NOT_ROUGH = Rough()
 
