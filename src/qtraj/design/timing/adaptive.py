@@ -65,8 +65,9 @@ LEAST_RATIO, LARGEST_RATIO = 0.6, 0.9
 """Bounds on the assumed ratio of the times that two successive halvings of all cells gain."""
 
 ROUGH = Rough(draft=0.1, gap=0.01, violation=0.1, slack=0.01)
-"""How rough searches are if the relaxed timing bounds the duration, so that the loss is known; errors are fractions of the
-tolerance."""
+"""How rough searches are if the relaxed timing bounds the duration, so that the loss is known.
+
+The errors are fractions of the tolerance."""
 
 COARSE = 0.03
 """Accuracy of the first cells with a limit on the jerk, because the relaxed timing ignores it."""
