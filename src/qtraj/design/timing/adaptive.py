@@ -32,11 +32,12 @@ from qtraj.design.timing.parts import Part
 from qtraj.design.timing.relaxed import Task
 from qtraj.design.timing.rounds import GAPS, LEAST_ERROR, NOT_ROUGH, Rough
 from qtraj.design.timing.sided import excludes_zero
+from qtraj.design.varying import varies
 from qtraj.path.quantity import quantity
 
-FIRST, FIRST_COUPLED, ACCURACY, ACCURACY_COUPLED = 2.0, 0.5, 0.8, 0.2
-"""As fractions of the tolerance, the accuracies of the first cells and of halved cells, without and with a limit of
-`COUPLED`."""
+FIRST, FIRST_UNEVEN, ACCURACY, ACCURACY_COUPLED = 2.0, 0.5, 0.8, 0.2
+"""As fractions of the tolerance, the accuracies of the first cells without and with limits of `COUPLED` or limits that
+change along the way, and of halved cells without and with a limit of `COUPLED`."""
 
 ENOUGH, CHANGE, ATTEMPTS = 0.9, 0.2, 10
 """As fractions of the tolerance, the predicted distance from the relaxed timing, and the change of the duration of a
@@ -106,7 +107,8 @@ def on_chosen_cells(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool]) ->
     limited = {quantity(name).base or name for name in p.names}
     by_speed = any(isinstance(x, OfSpeed) for x in p.bounds.values())
     coupled = bool(p.others or COUPLED & limited or by_speed or excludes_zero(p.bounds))
-    first = (FIRST_COUPLED if coupled else FIRST) * p.tolerance
+    even = not (coupled or varies(p.bounds))
+    first = (FIRST if even else FIRST_UNEVEN) * p.tolerance
     cells, bounds = chosen(shape, task, COARSE if p.limits_jerk else first)
     exact = bounds and not coupled
 
