@@ -331,3 +331,10 @@ def test_a_long_route_needs_few_cells():
     assert 0 < float(timed.duration) / exact - 1 < 1e-3
     assert float(timed.gap) == pytest.approx(float(timed.duration) / exact - 1, abs=5e-5)
     assert timed.timing.knots.size < 9000
+
+
+def test_a_path_with_too_large_numbers_gets_one_clear_error():
+    """No warning of an overflow precedes it: warnings are errors in the tests."""
+    path = qt.Route([0.0, 1.0], [[0, 0, 0], [1e300, 0, 0]], np.zeros((2, 3)), np.zeros((2, 3)))
+    with pytest.raises(ValueError, match="use other units"):
+        from_rest(path, STREET)

@@ -111,8 +111,10 @@ def values(c: Any, s: Any, order: int) -> list[Any]:
     s = s[..., None]
     for k in range(min(order + 1, len(terms) - 1)):
         for i in range(len(terms) - 2, k - 1, -1):
-            terms[i] = terms[i] + s * terms[i + 1]
-    results = [math.factorial(k) * terms[k] for k in range(min(order + 1, len(terms)))]
+            product = s * terms[i + 1]
+            product += terms[i]  # in NumPy in place: large arrays take as long to allocate as to compute
+            terms[i] = product
+    results = [terms[k] if k < 2 else math.factorial(k) * terms[k] for k in range(min(order + 1, len(terms)))]
     return [*results, *[0.0 * terms[0]] * (order + 1 - len(results))]
 
 

@@ -24,7 +24,7 @@ BALANCE = 0.001
 """The target of the duality gap is at least this fraction of the residuals, so that both converge together."""
 
 VIOLATED = 1e-6
-"""The largest violation of a constraint, relative to its limit, at which a search may end."""
+"""The largest violation of a constraint, relative to its limit, at which a search usually may end."""
 
 SLACK = 1.0
 """The smallest initial slack. With smaller slacks, the first steps would be short."""
@@ -132,19 +132,25 @@ def begun(p: Program, z: Variables) -> State:
     return State(z, slacks, multipliers, np.zeros(len(z), np.int32), np.full(len(z), np.inf))
 
 
-def continued(p: Program, s: State) -> State:
+def continued(p: Program, s: State, least: float = 1.0) -> State:
     """Return iterates for constraints that were tightened after a search.
 
-    Slacks and multipliers that are almost zero are increased, because they would make the next steps short.
+    Slacks and multipliers that are almost zero are increased, because they would make the next steps short: slacks to
+    the fraction `least` of the largest violation. A smaller fraction needs fewer steps, but multipliers become less
+    exact.
     """
     violations = p.values(s.z)
-    slacks = np.maximum(np.maximum(s.slacks, -violations), _over(_max(violations), violations))
-    least = _over(_sum(slacks * s.multipliers) / slacks[:, 0].size, slacks) / slacks
-    return State(s.z, slacks, np.maximum(s.multipliers, least), s.steps, np.full_like(s.error, np.inf))
+    lowest = _over(least * np.maximum(_max(violations), 0.0), violations)
+    slacks = np.maximum(np.maximum(s.slacks, np.abs(violations)), lowest)
+    smallest = _over(_sum(slacks * s.multipliers) / slacks[:, 0].size, slacks) / slacks
+    return State(s.z, slacks, np.maximum(s.multipliers, smallest), s.steps, np.full_like(s.error, np.inf))
 
 
-def solve(program: Program, start: State, enough: PerProblem) -> State:
-    """Compute the optimal variables; stop if the optimality error is below `enough`, or after `MAX_STEPS` steps."""
+def solve(program: Program, start: State, enough: PerProblem, violated: float = VIOLATED) -> State:
+    """Compute the optimal variables; stop if the optimality error is below `enough`, or after `MAX_STEPS` steps.
+
+    No constraint may be violated by more than `violated` at the end.
+    """
     result = State(*(x.copy() for x in start))
     s, which, last = start, np.arange(len(start.steps)), start.steps + MAX_STEPS
     best, since = start.error.copy(), start.steps.copy()
@@ -158,11 +164,11 @@ def solve(program: Program, start: State, enough: PerProblem) -> State:
             s, program, which = s.chosen(goes_on), program.chosen(goes_on), which[goes_on]
             enough, last, best, since = (x[goes_on] for x in (enough, last, best, since))
         if which.size:
-            s = _step(program, s, enough)
+            s = _step(program, s, enough, violated)
     return result
 
 
-def _step(p: Program, s: State, enough: PerProblem) -> State:
+def _step(p: Program, s: State, enough: PerProblem, violated: float) -> State:
     """Return the next iterates."""
     z, inv_slacks, inv_multipliers = s.multipliers, 1 / s.slacks, 1 / s.multipliers
     ratio = z * inv_slacks
@@ -189,7 +195,7 @@ def _step(p: Program, s: State, enough: PerProblem) -> State:
     primal, dual = (np.minimum(x, 1.0) for x in (primal, BOUNDARY * longest(inv_multipliers, dz)))
     # The optimality error is the sum of the duality gap and the predicted effects of the Newton step and the residuals.
     improvement = np.sum(np.abs(gradient * change), axis=1) + missing
-    error = np.where(_max(at.values) <= VIOLATED, mean * count + improvement, np.inf) / at.objective
+    error = np.where(_max(at.values) <= violated, mean * count + improvement, np.inf) / at.objective
     # The last step changes only the multipliers, on which the derivatives of the minimum depend.
     primal = np.where(error < enough, 0.0, primal)
     return State(

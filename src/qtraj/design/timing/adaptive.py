@@ -30,17 +30,18 @@ from qtraj.design.timing.constraints import POWERS
 from qtraj.design.timing.part_search import Drafted, Posed, Searched, first_search, searched, shape_of, task_of
 from qtraj.design.timing.parts import Part
 from qtraj.design.timing.relaxed import Task
-from qtraj.design.timing.rounds import GAPS, LEAST_ERROR
+from qtraj.design.timing.rounds import GAPS, LEAST_ERROR, NOT_ROUGH, Rough
 from qtraj.design.timing.sided import excludes_zero
+from qtraj.design.varying import varies
 from qtraj.path.quantity import quantity
 
-FIRST, ACCURACY, ACCURACY_COUPLED = 0.5, 0.5, 0.2
-"""As fractions of the tolerance, the accuracies of the first cells, and of halved cells without and with a limit of
-`COUPLED`."""
+FIRST, FIRST_UNEVEN, ACCURACY, ACCURACY_COUPLED = 2.0, 0.5, 0.8, 0.2
+"""As fractions of the tolerance, the accuracies of the first cells without and with limits of `COUPLED` or limits that
+change along the way, and of halved cells without and with a limit of `COUPLED`."""
 
-ENOUGH, CHANGE, ATTEMPTS = 0.45, 0.2, 10
-"""As fractions of the tolerance, the distance of a draft from the relaxed timing, and the change of its duration, at
-which the limits are imposed between the nodes, too; and how often cells are halved."""
+ENOUGH, CHANGE, ATTEMPTS = 0.9, 0.2, 10
+"""As fractions of the tolerance, the predicted distance from the relaxed timing, and the change of the duration of a
+draft, at which the limits are imposed between the nodes, too; and how often cells are halved."""
 
 AGAIN = 0.2
 """As a fraction of the tolerance, the accuracy of the first cells after a failed search."""
@@ -63,6 +64,11 @@ COARSER = 3
 
 LEAST_RATIO, LARGEST_RATIO = 0.6, 0.9
 """Bounds on the assumed ratio of the times that two successive halvings of all cells gain."""
+
+ROUGH = Rough(draft=0.1, gap=0.01, violation=0.1, slack=0.01)
+"""How rough searches are if the relaxed timing bounds the duration, so that the loss is known.
+
+The errors are fractions of the tolerance."""
 
 COARSE = 0.03
 """Accuracy of the first cells with a limit on the jerk, because the relaxed timing ignores it."""
@@ -98,19 +104,23 @@ def on_chosen_cells(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool]) ->
     """
     shape = shape_of(p.path, part, [path for path, _ in p.others])
     task = task_of(p, ends, part, rest, shape)
-    cells, bounds = chosen(shape, task, COARSE if p.limits_jerk else FIRST * p.tolerance)
     limited = {quantity(name).base or name for name in p.names}
     by_speed = any(isinstance(x, OfSpeed) for x in p.bounds.values())
-    exact = bounds and not p.others and not COUPLED & limited and not by_speed and not excludes_zero(p.bounds)
+    coupled = bool(p.others or COUPLED & limited or by_speed or excludes_zero(p.bounds))
+    even = not (coupled or varies(p.bounds))
+    first = (FIRST if even else FIRST_UNEVEN) * p.tolerance
+    cells, bounds = chosen(shape, task, COARSE if p.limits_jerk else first)
+    exact = bounds and not coupled
 
     enough = max(GAPS[0], LEAST_ERROR * p.tolerance)
+    rough = ROUGH.times(p.tolerance) if exact else NOT_ROUGH
 
     def draft_on(cells: Cells, before: Drafted | Searched | None = None) -> Drafted:
         grid = cells.grid(shape.spans, part.first)
-        found = first_search(p, part, grid, ends, rest, before)
+        found = first_search(p, part, grid, ends, rest, before, rough)
         if before is None or found.error < HOPELESS:
             return found
-        again = first_search(p, part, grid, ends, rest)
+        again = first_search(p, part, grid, ends, rest, None, rough)
         return found if found.error <= again.error else again
 
     cells, draft = _positive(shape, cells, draft_on, None)
@@ -136,7 +146,7 @@ def on_chosen_cells(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool]) ->
         profile = relaxed_profile(shape, task, cells)
         time, change = draft.times().sum(), abs(gained)
         latest: Drafted | Searched = draft
-        near = time - profile.least <= ENOUGH * p.tolerance * time
+        near = time + draft.lost.sum() - profile.least <= ENOUGH * p.tolerance * time
         last, finer = attempt == ATTEMPTS or cells.half.size >= MOST, None
         settled = near or last or change <= CHANGE * p.tolerance * time
         if settled and not (exact or near) and cells.half.size <= MOST // 2:
@@ -145,7 +155,7 @@ def on_chosen_cells(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool]) ->
             doubled = doubled.next(time, halves, allowed) if finer[1].error < enough else Doubled()
             least, last = doubled.least, last or not np.isfinite(doubled.least)
         if near or last or (settled and (exact or time - least <= p.tolerance * time)):
-            latest, slower = _completed(p, part, draft, (ends, rest))
+            latest, slower = _completed(p, part, draft, (ends, rest), rough)
             own = estimated(slower)
             rank = not _converged(p, latest), own
             if best is None or rank < (not _converged(p, best), excess):
@@ -171,12 +181,12 @@ def on_chosen_cells(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool]) ->
         if exact and not abs(gained) > CHANGE * p.tolerance * time:
             accuracy *= FINER
     if best is None:
-        best, slower = _completed(p, part, draft, (ends, rest))
+        best, slower = _completed(p, part, draft, (ends, rest), rough)
         excess = estimated(slower)
     for earlier in drafts[: -COARSER - 1 : -1]:
         if _converged(p, best) or not np.isfinite(best.powers).all():
             break
-        coarser, slower = _completed(p, part, earlier, (ends, rest))
+        coarser, slower = _completed(p, part, earlier, (ends, rest), rough)
         if _converged(p, coarser):
             best, excess = coarser, estimated(slower)
     return best._replace(enough=max(best.enough, enough)), float(np.maximum(excess, 0.0))
@@ -217,9 +227,11 @@ def _converged(p: Posed, found: Searched) -> bool:
     return bool(found.found.error < max(found.enough, LEAST_ERROR * p.tolerance))
 
 
-def _completed(p: Posed, part: Part, draft: Drafted, at: tuple[Any, tuple[bool, bool]]) -> tuple[Searched, float]:
+def _completed(
+    p: Posed, part: Part, draft: Drafted, at: tuple[Any, tuple[bool, bool]], rough: Rough
+) -> tuple[Searched, float]:
     """Return the timing with the limits between the nodes, too, and its duration [s]."""
-    found = draft.completed(p.limits_jerk)
+    found = draft.completed(p.limits_jerk, rough)
     if not _converged(p, found):
         again = searched(p, part, draft.grid, *at)
         found = again if again.found.error < found.found.error or np.isnan(found.found.error) else found

@@ -14,7 +14,7 @@ from qtraj.design.timing.cells import Shape
 from qtraj.design.timing.grid import Grid, path_derivatives
 from qtraj.design.timing.parts import Part, known_segments
 from qtraj.design.timing.relaxed import Task
-from qtraj.design.timing.rounds import last_gap
+from qtraj.design.timing.rounds import NOT_ROUGH, Rough, last_gap
 from qtraj.design.timing.search import Draft, Found, Problem, completed, drafted, fastest
 from qtraj.design.timing.sources import Source
 from qtraj.design.timing.spline import inserted
@@ -92,7 +92,7 @@ class Searched(NamedTuple):
 
 
 class Drafted(NamedTuple):
-    """The first search on a grid, the knots of the timing, and whether u̇² is zero at its ends.
+    """The first search on a grid, the knots of the timing, whether u̇² is zero at its ends, and the times in its cells.
 
     Its timing satisfies the limits only at the nodes.
     """
@@ -101,6 +101,7 @@ class Drafted(NamedTuple):
     draft: Draft
     knots: Float[Any, " cells+1"]
     rest: tuple[bool, bool]
+    in_cells: Float[np.ndarray, " cells"]
 
     @property
     def powers(self) -> Float[np.ndarray, "cells 4"]:
@@ -119,12 +120,12 @@ class Drafted(NamedTuple):
 
     def times(self) -> Float[np.ndarray, " cells"]:
         """Return the times in the cells [s]."""
-        return np.diff(np.asarray(Timing(self.powers, self.knots, self.rest).times))
+        return self.in_cells
 
-    def completed(self, jerk: bool) -> Searched:
-        """Return the result of all searches; `jerk` is whether the jerk is limited."""
+    def completed(self, jerk: bool, rough: Rough = NOT_ROUGH) -> Searched:
+        """Return the result of all searches, which may be `rough`; `jerk` is whether the jerk is limited."""
         enough = last_gap(self.draft.tables.grid.cells, jerk)
-        return Searched(self.grid, completed(self.draft), self.knots, enough, self.rest)
+        return Searched(self.grid, completed(self.draft, rough), self.knots, enough, self.rest)
 
 
 def searched(p: Posed, part: Part, grid: Grid, ends: Any, rest: tuple[bool, bool]) -> Searched:
@@ -140,14 +141,19 @@ def first_search(
     ends: Any,
     rest: tuple[bool, bool],
     before: Drafted | Searched | None = None,
+    rough: Rough = NOT_ROUGH,
 ) -> Drafted:
-    """Return the first search on a grid, which starts from the timing `before` on cells that `grid` divides."""
+    """Return the first search on a grid, which starts from the timing `before` on cells that `grid` divides.
+
+    It ends at the optimality error `rough.draft`.
+    """
     problem, t, knots = _problem(p, part, grid, ends, rest)
     first = None
     if before is not None:
         scale = grid.knots[-1] / before.grid.knots[-1]
         first = inserted(t.grid.knots, before.powers, before.grid.knots * scale, p.lap)
-    return Drafted(grid, drafted(problem, t, first), knots, rest)
+    draft = drafted(problem, t, first, rough)
+    return Drafted(grid, draft, knots, rest, np.diff(np.asarray(Timing(draft.powers, knots, rest).times)))
 
 
 def _problem(

@@ -105,7 +105,8 @@ def known_segments(route: Route) -> Segments:
 
 def standing_ends(s: Segments) -> np.ndarray:
     """Return whether the velocity is zero at the start and at the end of each segment, (n, 2)."""
-    speeds = np.linalg.norm(_velocities(s), axis=-1)
+    with np.errstate(over="ignore"):  # too large numbers get an error of their own
+        speeds = np.linalg.norm(_velocities(s), axis=-1)
     return speeds[:, [0, -1]] <= STANDS * speeds.max(axis=1, keepdims=True)
 
 

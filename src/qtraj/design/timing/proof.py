@@ -32,7 +32,7 @@ from qtraj.path.path_quantity import LOAD
 from qtraj.path.quantity import quantity
 from qtraj.path.road_parameters import RoadParameters
 
-BLOCK_SIZE = 512
+BLOCK_SIZE = 2048
 """Number of cells that are judged together; their data fits into the processor's cache."""
 
 MAX_WORK = 400_000

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from qtraj.design.solve.convex import STALLED, State, begun, continued, solve
+from qtraj.design.solve.convex import STALLED, VIOLATED, State, begun, continued, solve
 from qtraj.design.timing.boundedness import unbounded
 from qtraj.design.timing.constraint_values import squares, tightened, used
 from qtraj.design.timing.constraints import Parts
@@ -35,6 +35,27 @@ ROUNDS, ALLOWED = 10, 8e-6
 
 FAILURES = 2
 """Number of searches without convergence, after which no further search is begun."""
+
+
+class Rough(NamedTuple):
+    """Relative errors at which searches end, where they are larger than the usual ones.
+
+    `draft` and `gap` are the optimality errors of the first search and of all others; a search ends only if the limits
+    are exceeded by no more at the nodes. `violation` is allowed between the nodes; the timing is slowed down by it.
+    `slack` is the argument `least` of `continued`.
+    """
+
+    draft: float = 0.0
+    gap: float = 0.0
+    violation: float = 0.0
+    slack: float = 1.0
+
+    def times(self, tolerance: float) -> "Rough":
+        """Return the same with the errors multiplied by a tolerance."""
+        return Rough(tolerance * self.draft, tolerance * self.gap, tolerance * self.violation, self.slack)
+
+
+NOT_ROUGH = Rough()
 
 OVER = 2.0
 """After a search, limits are tightened by `OVER` times the relative violation at `CHECKED` points of each cell. From
@@ -82,6 +103,7 @@ def searched(
     between: Parts,
     rounds: int = ROUNDS,
     held: tuple[float | None, float | None] = (None, None),
+    rough: Rough = NOT_ROUGH,
 ) -> Result:
     """Repeat the search for a batch of problems until the limits are satisfied between the nodes, too.
 
@@ -91,7 +113,7 @@ def searched(
     """
     of_nodes, between = jax.tree.map(lambda x: np.ascontiguousarray(np.moveaxis(x, 0, -3)), (of_nodes, between))
     program, within = Program(t.nodes, *of_nodes), t.within
-    cells, count = within.shape[-1], program.constraints.per_node
+    cells, count, jerk = within.shape[-1], program.constraints.per_node, program.constraints.jerk is not None
     with np.errstate(all="ignore"):  # a failed search ends with NaN
         state = _first_iterate(program, start, held)
         size, begins = len(state.steps), int(isinstance(start, Result))
@@ -99,12 +121,14 @@ def searched(
         used, usage = factors.copy(), np.zeros((between.upper.shape[0] + count - 1, size, cells))
         if begins:
             usage[:, 0] = start.usage
-            factors *= _tighter(between, usage, state.error < GAPS[0], 0)
+            factors *= _tighter(between, usage, state.error < max(GAPS[0], rough.draft), 0)
         which, own, places, failures = np.arange(size), program, between, np.zeros(size, int)
         for search in range(begins, rounds):
             imposed = own._replace(constraints=tightened(own.constraints, at_nodes(factors[:, which])))
-            enough = np.full(which.size, GAPS[0] if search == 0 else last_gap(cells, own.constraints.jerk is not None))
-            last = solve(imposed, continued(imposed, state.chosen(which)), enough)
+            usual, larger = (GAPS[0], rough.draft) if search == 0 else (last_gap(cells, jerk), rough.gap)
+            enough = np.full(which.size, max(usual, larger))
+            first = continued(imposed, state.chosen(which), rough.slack)
+            last = solve(imposed, first, enough, max(VIOLATED, larger))
             # A search that fails after a good one leaves the result of this one, which is slowed down.
             good = np.isfinite(last.z).all(axis=1) | (search == 0)
             state.store(which[good], last.chosen(good))
@@ -115,7 +139,10 @@ def searched(
             if search + 1 < len(GAPS):
                 continue
             goes_on = (
-                (found.max(axis=(0, 2)) > 1 + ALLOWED) & np.isfinite(last.error) & good & (failures[which] < FAILURES)
+                (found.max(axis=(0, 2)) > 1 + max(ALLOWED, rough.violation))
+                & np.isfinite(last.error)
+                & good
+                & (failures[which] < FAILURES)
             )
             if not goes_on.all():
                 which, own = which[goes_on], own.chosen(goes_on)

@@ -19,7 +19,18 @@ from qtraj.design.timing.grid import Shape, derivatives
 from qtraj.design.timing.program import Program
 from qtraj.design.timing.road import ROAD, slowing, without
 from qtraj.design.timing.road_cells import at_points, fixed
-from qtraj.design.timing.rounds import ALLOWED, Result, at_nodes, between_nodes, grouped, lost, searched, shapes
+from qtraj.design.timing.rounds import (
+    ALLOWED,
+    NOT_ROUGH,
+    Result,
+    Rough,
+    at_nodes,
+    between_nodes,
+    grouped,
+    lost,
+    searched,
+    shapes,
+)
 from qtraj.design.timing.sensitivity import Optimum, duration_change, optimum
 from qtraj.design.timing.sided import reduced
 from qtraj.design.timing.spline import local
@@ -120,18 +131,20 @@ class Draft(NamedTuple):
         return powers[self.tables.filled]
 
 
-def drafted(problem: Problem, t: Tables, start: Float[np.ndarray, " cells+3"] | None = None) -> Draft:
-    """Compute the first search of `fastest` for a problem with concrete values."""
+def drafted(
+    problem: Problem, t: Tables, start: Float[np.ndarray, " cells+3"] | None = None, rough: Rough = NOT_ROUGH
+) -> Draft:
+    """Compute the first search of `fastest` for a problem with concrete values; it may be `rough`."""
     with np.errstate(all="ignore"):  # a failed search ends with NaN
         program, places = _imposed(problem, t)
-        search = functools.partial(searched, t, problem.stops, start, rounds=1, held=problem.held)
+        search = functools.partial(searched, t, problem.stops, start, rounds=1, held=problem.held, rough=rough)
         return Draft(problem, t, program, places, on_host(search, shapes(program, places), program[1:], places))
 
 
-def completed(d: Draft) -> Found:
-    """Compute all further searches after a draft."""
+def completed(d: Draft, rough: Rough = NOT_ROUGH) -> Found:
+    """Compute all further searches after a draft; they may be `rough`."""
     with np.errstate(all="ignore"):
-        search = functools.partial(searched, d.tables, d.problem.stops, d.result, held=d.problem.held)
+        search = functools.partial(searched, d.tables, d.problem.stops, d.result, held=d.problem.held, rough=rough)
         return _found(d, on_host(search, shapes(d.program, d.places), d.program[1:], d.places))
 
 
