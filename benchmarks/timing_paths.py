@@ -3,7 +3,7 @@
     python -m benchmarks.timing_paths
     python -m benchmarks.timing_paths --paths 2000 --toppra 100 --jerk 200
     python -m benchmarks.timing_paths --braking 3 --toppra 0 --jerk 0
-    python -m benchmarks.timing_paths --paths 0 --jerk 0 --toppra 0 --ipopt 200
+    python -m benchmarks.timing_paths --paths 0 --jerk 0 --toppra 0 --ipopt 24
     python -m benchmarks.timing_paths --first 400 --paths 400 --jerk 0 --toppra 0
 
 The paths are those of `random_paths`, from rest to rest, with limits on the speed and on the lateral and longitudinal
@@ -159,7 +159,7 @@ def beside_ipopt(first, count):
     print(f"{len(own)} random paths with a limit on the jerk: IPOPT solves {len(changes)}, and not {unsolved[:20]}")
     print(f"  not proved, or longer than IPOPT's duration by more than 0.5 %: {len(failed)} {failed[:20]}")
     quantiles("longer than IPOPT's duration by", changes)
-    quantiles("shorter than IPOPT's duration, share of the paths", [np.mean(np.array(changes) < 0)])
+    print(f"  shorter than IPOPT's duration: {int(np.sum(np.array(changes) < 0))} of {len(changes)}")
     quantiles("IPOPT's largest ratio of a quantity to its limit between its nodes", excess)
     quantiles("IPOPT's steps", steps)
     quantiles("processor time of IPOPT", seconds, " s")
