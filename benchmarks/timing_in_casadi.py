@@ -92,7 +92,8 @@ def with_ipopt(
         x0=start, lbx=low, ubx=high, lbg=np.concatenate([zero, -np.inf * one]), ubg=np.concatenate([zero, one])
     )
     parts = np.split(np.asarray(found["x"]).ravel(), np.cumsum([unit.size for unit in units])[:-1])
-    usage = _usage(spline, u, *((x * unit)[:cells, None] for x, unit in zip(parts, units, strict=True)), limits)
+    v, c, j, t = ((x * unit)[:cells, None] for x, unit in zip(parts, units, strict=True))
+    usage = _usage(spline, u, v, c, j, t, limits)
     stats = solver.stats()
     return Ipopt(unit * float(found["f"]), bool(stats["success"]), int(stats["iter_count"]), usage)
 
