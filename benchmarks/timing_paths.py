@@ -3,7 +3,7 @@
     python -m benchmarks.timing_paths
     python -m benchmarks.timing_paths --paths 2000 --toppra 100 --jerk 200
     python -m benchmarks.timing_paths --braking 3 --toppra 0 --jerk 0
-    python -m benchmarks.timing_paths --paths 0 --jerk 0 --toppra 0 --ipopt 200
+    python -m benchmarks.timing_paths --paths 0 --jerk 0 --toppra 0 --ipopt 24
     python -m benchmarks.timing_paths --first 400 --paths 400 --jerk 0 --toppra 0
 
 The paths are those of `random_paths`, from rest to rest, with limits on the speed and on the lateral and longitudinal
@@ -11,8 +11,8 @@ acceleration; with `--braking`, the limit on braking is this multiple of that on
 computed by a forward and a backward pass on 200 000 samples. Cubic curves are timed again over another parameter, which
 slows at random. `--first` is the first seed, so that parts of a long sweep can run alone. TOPPRA (extra `dev`)
 gets 1 000 equidistant grid points; its limits are then evaluated between them. With a limit on the jerk, the duration
-is compared with that for a tenfold smaller tolerance, or with that of IPOPT on a fine grid; IPOPT starts from the
-timing of `retime`.
+is compared with that for a tenfold smaller tolerance, or with that of IPOPT (CasADi, extra `dev`) on a fine grid, which
+starts from the timing of `retime`, so that it can only confirm or improve it.
 """
 
 import argparse
@@ -27,7 +27,7 @@ import qtraj as qt
 from benchmarks.random_paths import exact_duration, random_path, reparametrised
 from benchmarks.timing_toppra import OfSpline, sampled_excess, with_toppra
 
-GRID, NODES = 1000, 600
+GRID, NODES = 1000, 1500
 """Numbers of intervals for TOPPRA, and of nodes for IPOPT at least."""
 
 
@@ -134,37 +134,46 @@ def beside_ipopt(first, count):
     """Compare with IPOPT on a grid that divides the cells of `retime`, and starts from its timing."""
     from benchmarks.timing_in_casadi import with_ipopt
 
-    failed, changes, unsolved, seconds = [], [], 0, []
-    for seed, path in paths_with_jerk(first, points=12):
-        if len(changes) + unsolved == count:
+    failed, unsolved, changes, excess, steps, seconds, own = [], [], [], [], [], [], []
+    for seed, path in paths_with_jerk(first):
+        if len(own) == count:
             break
         result = timed(path)
         if result is None:
             continue
-        u, a = divided(result[0].timing, NODES)
+        own.append(1e3 * result[1])
+        u, a, slope = divided(result[0].timing, NODES)
         start = time.process_time()
-        found = with_ipopt(path.spline, u + path.spline.x[0], a, path.limits)
+        found = with_ipopt(path.spline, u + path.spline.x[0], a, slope, path.limits)
         if not found.converged:
-            unsolved += 1
+            unsolved.append(seed)
             continue
+        seconds.append(time.process_time() - start)
+        steps.append(found.steps)
         change = float(result[0].duration) / found.duration - 1
         if int(result[0].code) or change > 5e-3:
-            failed.append((seed, int(result[0].code), change))
+            failed.append((seed, int(result[0].code), change, found.usage))
         changes.append(change)
-        seconds.append(time.process_time() - start)
-    print(f"{count} random paths with a limit on the jerk, and IPOPT: {unsolved} not solved by IPOPT in 20 s")
-    print(f"  not proved, or longer by more than 0.5 %: {len(failed)} {failed[:5]}")
-    quantiles("longer by", changes)
+        excess.append(found.usage)
+        print(f"    seed {seed}: longer by {change:.1e}, IPOPT's largest usage {found.usage:.4f}", file=sys.stderr)
+    print(f"{len(own)} random paths with a limit on the jerk: IPOPT solves {len(changes)}, and not {unsolved[:20]}")
+    print(f"  not proved, or longer than IPOPT's duration by more than 0.5 %: {len(failed)} {failed[:20]}")
+    quantiles("longer than IPOPT's duration by", changes)
+    print(f"  shorter than IPOPT's duration: {int(np.sum(np.array(changes) < 0))} of {len(changes)}")
+    quantiles("IPOPT's largest ratio of a quantity to its limit between its nodes", excess)
+    quantiles("IPOPT's steps", steps)
     quantiles("processor time of IPOPT", seconds, " s")
+    quantiles("processor time of `retime`, proofs included", own, " ms")
 
 
 def divided(timing, count):
-    """Return at least `count` parameters that divide the cells of a timing, and u̇² there."""
+    """Return at least `count` parameters that divide the cells of a timing, and u̇² and its derivative there."""
     knots, c = np.asarray(timing.knots), np.asarray(timing.coefficients)
     z = np.arange(int(np.ceil(count / len(c)))) / np.ceil(count / len(c))
-    u = np.append((knots[:-1, None] + np.diff(knots)[:, None] * z).ravel(), knots[-1])
+    h, rising = np.diff(knots)[:, None], c[:, 1:] * [1, 2, 3] / np.diff(knots)[:, None]
+    u = np.append((knots[:-1, None] + h * z).ravel(), knots[-1])
     a = np.append((c @ z ** np.arange(4)[:, None]).ravel(), c[-1].sum())
-    return u, np.maximum(a, 0.0)
+    return u, np.maximum(a, 0.0), np.append((rising @ z ** np.arange(3)[:, None]).ravel(), rising[-1].sum())
 
 
 def beside_toppra(count):

@@ -6,7 +6,7 @@ from benchmarks.random_paths import RandomPath, exact_duration, random_path, rep
 from scipy.interpolate import CubicSpline, PPoly
 
 import qtraj as qt
-from qtraj.design.timing import spline
+from qtraj.design.timing import cells, spline
 
 STREET = {"speed": 13.0, "lateral_acceleration": 2.0, "longitudinal_acceleration": 1.5}
 FAST, SLOW, BRAKING = range(12), range(12, 130), range(200, 204)
@@ -338,3 +338,14 @@ def test_a_path_with_too_large_numbers_gets_one_clear_error():
     path = qt.Route([0.0, 1.0], [[0, 0, 0], [1e300, 0, 0]], np.zeros((2, 3)), np.zeros((2, 3)))
     with pytest.raises(ValueError, match="use other units"):
         from_rest(path, STREET)
+
+
+@pytest.mark.parametrize(("each", "converged"), [(cells.MOST_EACH, True), (8, False)])
+def test_a_route_of_more_segments_may_have_more_cells(each, converged, monkeypatch):
+    """Otherwise the gap of a long drive with a limit on the jerk cannot be estimated."""
+    monkeypatch.setattr(cells, "MOST", 64)
+    monkeypatch.setattr(cells, "MOST_EACH", each)
+    points = np.cumsum(np.random.default_rng(5).normal(0.0, 5.0, (12, 3)) * [1, 1, 0.1] + [30, 0, 0], axis=0)
+    timed = from_rest(qt.Route.from_piecewise(CubicSpline(4.0 * np.arange(12), points)), STREET | {"jerk": 0.9})
+    assert timed.certificate.holds
+    assert timed.converged == converged

@@ -24,7 +24,7 @@ def atlas(
 ) -> Outcome:
     """Find which values of two keys of a scenario are feasible, with the border to a tolerance.
 
-    The scenario is a scenario of `qtraj tune` with a table [atlas], which names two keys and their ranges. The command
+    The scenario is a scenario of `qtraj tune` with a table `atlas`, which names two keys and their ranges. The command
     tunes the path at the corners of coarse cells, and divides the cells along the border of the feasible region. It
     writes the points and the border (atlas.nc), the whole result (atlas.json) and a figure (atlas.png, atlas.svg). The
     exit code is 1 if no point is feasible, or if the border could not be followed to the tolerance.

@@ -56,7 +56,7 @@ def retime(
 
     The path joins two states, is fitted to a recording, or is read from a file, as in `qtraj tune` and `qtraj route`.
     A curve without times, such as the centre line of a race track, needs no scenario; a closed one is timed as a flying
-    lap, unless --start-speed or --end-speed is given. With a table [tune], the path is tuned first. Stops of a drive
+    lap, unless --start-speed or --end-speed is given. With a table `tune`, the path is tuned first. Stops of a drive
     keep their durations. Limits that the search does not support, such as the curvature, are checked on the result. The
     command writes a dataset (paths.nc), the retimed path (path.json), the whole result (retimed.json), the timing over
     time and distance (timing.nc, timing.csv), a figure (retime.png, retime.svg) and an HTML report (report.html). The

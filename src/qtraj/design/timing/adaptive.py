@@ -15,7 +15,6 @@ from jaxtyping import Bool
 
 from qtraj.design.ellipse import OfSpeed
 from qtraj.design.timing.cells import (
-    MOST,
     Cells,
     Profile,
     Shape,
@@ -147,9 +146,9 @@ def on_chosen_cells(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool]) ->
         time, change = draft.times().sum(), abs(gained)
         latest: Drafted | Searched = draft
         near = time + draft.lost.sum() - profile.least <= ENOUGH * p.tolerance * time
-        last, finer = attempt == ATTEMPTS or cells.half.size >= MOST, None
+        last, finer = attempt == ATTEMPTS or cells.half.size >= shape.most, None
         settled = near or last or change <= CHANGE * p.tolerance * time
-        if settled and not (exact or near) and cells.half.size <= MOST // 2:
+        if settled and not (exact or near) and cells.half.size <= shape.most // 2:
             finer = _positive(shape, cells.halved(np.ones(cells.half.size, bool)), draft_on, draft)
             allowed, halves = p.tolerance * time, finer[1].times().sum()
             doubled = doubled.next(time, halves, allowed) if finer[1].error < enough else Doubled()
@@ -216,7 +215,7 @@ def _positive(shape: Shape, cells: Cells, draft_on: Any, before: Drafted | Searc
     draft = draft_on(cells, before)
     for _ in range(ATTEMPTS):
         # Smaller cells do not help a search that failed.
-        if np.isfinite(draft.times()).all() or not np.isfinite(draft.powers).all() or cells.half.size > MOST // 2:
+        if np.isfinite(draft.times()).all() or not np.isfinite(draft.powers).all() or cells.half.size > shape.most // 2:
             break
         cells = with_positive(shape, cells, draft.powers, draft.times())
         draft = draft_on(cells)

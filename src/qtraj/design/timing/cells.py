@@ -29,8 +29,9 @@ SMALLEST = 1e-12
 LONGER = 3.0
 """Largest ratio of the lengths of two neighbours: a smooth spline changes its slope only within several cells."""
 
-FEWEST, MOST = 8, 2**14
-"""Smallest number of cells, and the number above which no cells are halved."""
+FEWEST, MOST, MOST_EACH = 8, 2**14, 128
+"""Smallest number of cells, and the number above which no cells are halved: the larger one of `MOST` and of `MOST_EACH`
+for each segment."""
 
 HALVINGS, PASSES = 48, 24
 """Largest numbers of halvings of a segment, and of passes over all cells."""
@@ -88,6 +89,11 @@ class Shape(NamedTuple):
     derivatives: Derivatives
     spans: Float[np.ndarray, " segments"]
     starts: Float[np.ndarray, " segments"]
+
+    @property
+    def most(self) -> int:
+        """The number of cells above which no cells are halved."""
+        return max(MOST, MOST_EACH * self.spans.size)
 
     def lengths(self, cells: Cells) -> Float[np.ndarray, " cells"]:
         """Return the lengths of cells in the parameter of the path."""
@@ -188,7 +194,7 @@ def chosen(shape: Shape, task: Task, accuracy: float) -> tuple[Cells, bool]:
         profile = relaxed_profile(shape, task, cells)
         bounds = profile.bounds
         time, error = float(profile.times.sum()), _errors(shape, task, cells, profile)
-        if not error.sum() > accuracy * time or error.size > MOST // 2:
+        if not error.sum() > accuracy * time or error.size > shape.most // 2:
             break
         cells = cells.halved(error > accuracy * time / error.size)
     return _graded(shape, cells), bounds
@@ -206,7 +212,7 @@ def _with_changes(shape: Shape, task: Task, cells: Cells, accuracy: float) -> Ce
         ends = on.at(shape.parameters(cells, 2).ravel()).reshape(-1, 2)
         inside = np.searchsorted(places, ends[:, 1], side="right") > np.searchsorted(places, ends[:, 0])
         halved = inside & (np.diff(ends, axis=1)[:, 0] > longest)
-        if not halved.any() or cells.half.size + halved.sum() > MOST // 4:
+        if not halved.any() or cells.half.size + halved.sum() > shape.most // 4:
             break
         cells = cells.halved(halved)
     return cells
@@ -239,7 +245,7 @@ def refined(
     allowed = accuracy * times.sum() / error.size
     for _ in range(2):
         halved = error > allowed
-        if cells.half.size + halved.sum() > MOST:
+        if cells.half.size + halved.sum() > shape.most:
             break
         cells, error = cells.halved(halved), np.repeat(np.where(halved, error / GAINED, error), 1 + halved)
     return _graded(shape, cells)

@@ -121,7 +121,7 @@ def problem_of(
         "offset": _exact(smooth["offset"], size),
         "fine_offset": _exact(fine_offset, size),
         "fine_tube": tube_squares(tube, fine),
-        "used": _used(names, held, moving, closed, sense),
+        "used": _used(names, held, given.curves.at_rest(), moving, closed, sense),
         "shortest": SHORTEST * h,
         "longest": LONGEST * h,
         "free": _free(held, given.curves.at_rest(), moving, timed, closed),
@@ -179,13 +179,20 @@ def _free(held: np.ndarray, at_rest: np.ndarray, moving: np.ndarray, timed: bool
 
 
 def _used(
-    names: tuple[str, ...], held: np.ndarray, moving: np.ndarray, closed: bool, sense: np.ndarray | None
+    names: tuple[str, ...],
+    held: np.ndarray,
+    at_rest: np.ndarray,
+    moving: np.ndarray,
+    closed: bool,
+    sense: np.ndarray | None,
 ) -> np.ndarray:
     """Return whether each constraint (limits + 2, nodes, n) is used.
 
     A quantity that is continuous at a joint is constrained on one side only. Where the vehicle reverses, signed
-    quantities, such as the horizontal curvature, change their signs.
+    quantities, such as the horizontal curvature, change their signs. No limit is imposed at a joint whose state is
+    fixed, except `at_rest`: there the curvature may change (see `_free`).
     """
+    settled = np.all(held, axis=1) & ~at_rest
     used = np.broadcast_to(moving > 0, (len(names) + 2, len(basis.NODES), len(moving))).copy()
     smooth = [k for k in range(len(names) + 2) if k >= len(names) or quantity(names[k]).order <= 2]
     used[smooth, -1] = False
@@ -194,8 +201,8 @@ def _used(
         used[signed[:, None], -1, np.flatnonzero(np.diff(sense))[None]] = True
     heights = np.array([k for k in range(len(names)) if quantity(names[k]).of_position], int)
     used[heights[:, None], 0, np.flatnonzero(held[:-1, 0])[None]] = False
-    used[np.array(smooth)[:, None], 0, np.flatnonzero(np.all(held[:-1], axis=1))[None]] = False
-    if not closed and not held[-1].all():
+    used[np.array(smooth)[:, None], 0, np.flatnonzero(settled[:-1])[None]] = False
+    if not closed and not settled[-1]:
         used[smooth, -1, -1] = moving[-1] > 0
     if held[-1, 0]:
         used[heights, -1, -1] = False
