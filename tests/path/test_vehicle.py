@@ -126,7 +126,8 @@ def test_every_signed_quantity_has_its_magnitude():
     signed = [name for name in QUANTITIES if upper_side(quantity(name)) != name]
     assert {"power", "normal_load", "longitudinal_acceleration"} <= set(signed)
     names = [x for name in signed for x in (name, f"{name}_magnitude") if CHANNELS[x].shape == ()]
-    table = qt.evaluate(PATH, np.linspace(0.0, 4.5, 40), names, vehicle=car)
+    path = qt.SpiralHelix([20.0, 1.0, 0.3, -0.05], [0.2, 0.35, 0.01, -0.002], [1.0, 0.4, 0.05, -0.01], 4.5)
+    table = qt.evaluate(path, np.linspace(0.0, 4.5, 40), names, vehicle=car)
     for name in names[::2]:
         np.testing.assert_allclose(table[f"{name}_magnitude"], np.abs(table[name]), rtol=1e-9, atol=1e-12)
     assert (np.asarray(table.power) < 0).any()
