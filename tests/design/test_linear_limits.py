@@ -78,7 +78,7 @@ def exact_value(coefficients, z):
 
 
 @pytest.mark.parametrize("name", ["helix", "route", "stops"])
-@pytest.mark.parametrize("side, parts", [(1, 1), (1, 10), (-1, 10)])
+@pytest.mark.parametrize(("side", "parts"), [(1, 1), (1, 10), (-1, 10)])
 def test_curves_are_on_the_strict_side_and_close(name, side, parts):
     """The distance is integrated with 20 digits, from a distance at the start that differs by the uncertainty."""
     path = paths()[name]
@@ -144,7 +144,7 @@ STEEP = (
 )
 
 
-@pytest.mark.parametrize("kind, name, at, values", STEEP)
+@pytest.mark.parametrize(("kind", "name", "at", "values"), STEEP)
 def test_steep_limits_are_decided_within_the_uncertainty_of_the_distance(kind, name, at, values):
     """The largest ratio is found from samples of the path, refined around the largest one."""
     path = {"helix": HELIX, "route": random_route(np.random.default_rng(3))}.get(kind)

@@ -30,8 +30,8 @@ ACCURATE, HALVINGS, MOST = 1e-7, 16, 2**13
 polynomials are accurate. From the number `MOST` of parts on, no cell is halved."""
 
 AT_STEPS, SHORT = 24, 0.25
-"""Then cells with a step or a bend of a limit are halved, at most `AT_STEPS` more times, until they are shorter than the
-part `SHORT` of the uncertainty of distances, within which the stricter value holds."""
+"""Then cells with a step or a bend of a limit are halved, at most `AT_STEPS` more times, until they are shorter than
+the part `SHORT` of the uncertainty of distances, within which the stricter value holds."""
 
 LEAST = 2.0**-40
 """Smallest half length of a piece that is halved, relative to its segment; so the ends of pieces are exact floats."""
