@@ -370,6 +370,8 @@ def test_outputs_say_what_they_need():
         "force",
         *FORCES,
         *MAGNITUDES.values(),
+        "normal_load_magnitude",
+        "power_magnitude",
     }
     assert {name for name, entry in CHANNELS.items() if entry.needs == PRINCIPAL} == set(MOMENTS)
     steering = {name for name, entry in CHANNELS.items() if entry.needs == WHEELBASE}
