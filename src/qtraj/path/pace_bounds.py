@@ -49,7 +49,7 @@ def remainders(
     The coefficients are those of powers of the fraction of the interval. They bound the error of an interpolation. The
     result is infinite where no bound was found, and None if the path is not polynomial.
     """
-    found = _in_intervals(path, low, high, lambda *given: (_remainder(*given, terms),))
+    found = _in_intervals(path, low, high, lambda *given: (_remainder(given, terms),))
     return None if found is None else found[0]
 
 
@@ -121,15 +121,14 @@ def _square(rates: list[Terms]) -> Terms:
     return s
 
 
-def _remainder(parts: Any, angle: Any, middle: np.ndarray, half: np.ndarray, terms: int) -> np.ndarray:
-    """Return the result of `remainders`.
+def _remainder(given: Any, terms: int) -> np.ndarray:
+    """Return the result of `remainders`; `given` are the coefficients, the angle, the middles and the half lengths.
 
     With the squared pace Σ sₖxᵏ, the Taylor coefficients of the pace at any x follow from those of its square by the
     recurrence of the root, here for magnitudes.
     """
-    s, sizes = (
-        _square(x) for x in (_rates(parts, angle, middle, half, -1.0)[0], _magnitudes(parts, angle, middle, half))
-    )
+    half = given[-1]
+    s, sizes = _square(_rates(*given, -1.0)[0]), _square(_magnitudes(*given))
     s = [np.abs(c) + ROUNDING * size for c, size in zip(s, sizes, strict=True)]
     least = s[0] - 2 * ROUNDING * sizes[0] - sum(s[1:])
     root = np.sqrt(np.where(least > 0, least, 1.0))

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from qtraj.design.along import Along
-from qtraj.design.limit_curves import ACCURATE, curves
+from qtraj.design.limit_curves import ACCURATE, TERMS, curves
 from qtraj.design.proof.certificate import BROKEN, UNDECIDED
 from qtraj.design.proof.findings import Findings, Limit, Window
 from qtraj.design.proof.route_segments import RANK
@@ -97,7 +97,7 @@ def _curves(
     path: Divided, limit: Varying, entry: PathQuantity, segment: np.ndarray, window: Window
 ) -> tuple[np.ndarray, Window, Float[np.ndarray, "parts terms"]]:
     """Return smaller parts, in which polynomials approximate a linear limit, and the polynomials."""
-    coefficients = None
+    coefficients = np.zeros((0, TERMS))
     for k in range(HALVINGS + 1):
         low, high = (path.starts[segment] + x * path.durations[segment] for x in window)
         coefficients, _, rough = curves(limit, low, high)
