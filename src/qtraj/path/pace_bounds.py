@@ -121,7 +121,7 @@ def _square(rates: list[Terms]) -> Terms:
     return s
 
 
-def _remainder(given: Any, terms: int) -> np.ndarray:
+def _remainder(given: tuple[Any, Any, Any, Any], terms: int) -> np.ndarray:
     """Return the result of `remainders`; `given` are the coefficients, the angle, the middles and the half lengths.
 
     With the squared pace Σ sₖxᵏ, the Taylor coefficients of the pace at any x follow from those of its square by the
