@@ -34,8 +34,8 @@ from .extremes import Span, largest
 from .random_quantities import INVARIANT, OF_SHAPE, WORLD, quantity_of, random_function, value_of
 
 PATHS, KINDS = ("helix", "route", "timing"), ("two sides", "zones", "own")
-CLOSE, LINEAR = 1e-9, 1e-5
-"""Relative differences between the decided limits and the extremes."""
+CLOSE = 1e-9
+"""Relative difference between the decided limits and the extremes."""
 
 BORDER = 2e-9
 """Uncertainty of a distance, as a fraction of the length."""
@@ -198,7 +198,7 @@ def zones_case(rng: np.random.Generator, path: Path) -> Case | None:
         return None  # not the limit of an angle
     sides = tuple(x for x, own in zip(_sides(name), known, strict=True) if own)
     own = ([x for x, k in zip(ends, known, strict=True) if k] for ends in (least, most))
-    return Case("zones", path, sides, *own, CLOSE if form == "step" else LINEAR, limits)
+    return Case("zones", path, sides, *own, CLOSE, limits)
 
 
 def _largest_in_zones(

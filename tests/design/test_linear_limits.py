@@ -8,8 +8,9 @@ import pytest
 from tests.design.test_along import HELIX, random_route, sampled
 
 import qtraj as qt
+from qtraj.design.limit_curves import curves
 from qtraj.design.varying import Varying
-from qtraj.path.angle import gap_of_line, strict_line, tangent
+from qtraj.path.angle import gap_of_curve, strict_curve, tangent
 from qtraj.path.distances import distances, paces
 from qtraj.path.pace_bounds import pace_bounds
 
@@ -68,19 +69,102 @@ def test_lines_are_on_the_strict_side_and_close(name, side):
     assert np.median(rest) < 1e-2
 
 
+def exact_value(coefficients, z):
+    """Return the value of a polynomial with Bernstein coefficients, in the precision of mpmath."""
+    rows = [mp.mpf(float(x)) for x in coefficients]
+    while len(rows) > 1:
+        rows = [a + (b - a) * mp.mpf(float(z)) for a, b in itertools.pairwise(rows)]
+    return rows[0]
+
+
+@pytest.mark.parametrize("name", ["helix", "route", "stops"])
+@pytest.mark.parametrize(("side", "parts"), [(1, 1), (1, 10), (-1, 10)])
+def test_curves_are_on_the_strict_side_and_close(name, side, parts):
+    """The distance is integrated with 20 digits, from a distance at the start that differs by the uncertainty."""
+    path = paths()[name]
+    on = distances(path)
+    along = qt.Along(np.array([0.0, 0.4, 0.7]) * on.length, [9.0, 5.0, 12.0], "linear")
+    ends = np.unique(
+        np.concatenate([*(np.append(*x) for x in [cells(path, parts)]), on.parameters(along.distance[1:])])
+    )
+    low, high = ends[:-1], ends[1:]
+    found = curves(Varying(along, on, side), low, high)
+    times = np.asarray(path.times if isinstance(path, qt.Route) else [0.0, path.duration], float)
+    d, v = ([mp.mpf(float(x)) for x in y] for y in (along.distance, along.values))
+    with mp.workdps(20):
+        for k in np.linspace(0, low.size - 1, 3).astype(int):
+            row = min(int(np.searchsorted(times, 0.5 * (low[k] + high[k]), side="right")) - 1, times.size - 2)
+            pace = exact_pace(path, row, times[row])
+            start = mp.mpf(float(on.at(low[[k]])[0]))
+            for z in (0.13, 0.6, 1.0):
+                u = float(low[k] + (high[k] - low[k]) * z)
+                travelled = start + mp.quad(pace, [mp.mpf(float(low[k])), mp.mpf(u)], maxdegree=4)
+                for error in (-1, 1):
+                    s = travelled + error * mp.mpf(0.999 * on.uncertainty)
+                    i = max(sum(s >= x for x in d) - 1, 0)
+                    exact = v[i] + ((v[i + 1] - v[i]) * (s - d[i]) / (d[i + 1] - d[i]) if i < 2 else 0)
+                    room = side * (exact - exact_value(found.coefficients[k], z))
+                    assert 0 <= room <= found.rest[k] * (1 + 1e-6)
+    if parts == 10 and name != "stops":
+        slope = np.max(np.abs(np.diff(along.values) / np.diff(along.distance)))
+        assert np.median(found.rest) < 3 * slope * on.uncertainty  # the error of a line here is about 1e-2
+        assert (~found.rough).mean() > 0.5
+
+
+def exact_pace(path, row, start):
+    """Return |r'| as a function of the parameter, for the polynomials of mpmath."""
+    if not isinstance(path, qt.Route):
+        return speeds(path)
+    c = np.asarray(path.in_time(), float)[row]
+    rates = [[k * mp.mpf(float(x)) for k, x in enumerate(c[:, axis])][1:] for axis in range(3)]
+    value = lambda own, t: sum((x * (t - mp.mpf(float(start))) ** k for k, x in enumerate(own)), mp.mpf(0))  # noqa: E731
+    return lambda t: mp.sqrt(sum(value(own, t) ** 2 for own in rates))
+
+
 @pytest.mark.parametrize("part", [1, 2])
 @pytest.mark.parametrize("side", [1, -1])
-def test_lines_of_angles_are_on_the_strict_side_of_tangents(part, side):
+def test_curves_of_angles_are_on_the_strict_side_of_tangents(part, side):
     rng = np.random.default_rng(part)
-    line = rng.uniform(-1.4, 1.4, (50, 2)) * part
-    strict = strict_line(line, part, side)
-    gap = gap_of_line(line, part)
-    for row, ends, width in zip(line, strict, gap, strict=True):
-        for z in np.linspace(0.0, 1.0, 21):
-            exact = mp.tan((mp.mpf(row[0]) + (mp.mpf(row[1]) - mp.mpf(row[0])) * z) / part)
-            room = side * (exact - (mp.mpf(ends[0]) + (mp.mpf(ends[1]) - mp.mpf(ends[0])) * z))
+    curve = rng.uniform(0.2, 1.3, (40, 1)) + np.linspace(-0.1, 0.1, 6) + rng.uniform(-0.01, 0.01, (40, 6))
+    curve = part * curve * rng.choice([-1, 1], (40, 1))
+    strict, gap = strict_curve(curve, part, side), gap_of_curve(curve, part, side)
+    for row, own, width in zip(curve, strict, gap, strict=True):
+        for z in np.linspace(0.0, 1.0, 11):
+            room = side * (mp.tan(exact_value(row, z) / part) - exact_value(own, z))
             assert 0 <= room <= 2 * width + 1e-12
-    assert strict_line(np.array([[0.3, 0.3]]), part, 1) == pytest.approx(np.full((1, 2), tangent(0.3, part)))
+    small = strict_curve(0.3 + np.linspace(0.0, 0.01, 6)[None], part, side)
+    assert np.ptp(small) > 0
+    assert strict_curve(np.full((1, 6), 0.3), part, 1) == pytest.approx(np.full((1, 6), tangent(0.3, part)))
+
+
+STEEP = (
+    ("helix", "curvature", [0.0, 0.4, 0.41], [0.39, 0.19, 0.45]),
+    ("route", "lateral_acceleration", [0.0, 0.3, 0.302], [4.0, 2.0, 6.0]),
+    ("timing", "speed", [0.0, 0.5, 0.505], [9.0, 6.5, 12.0]),
+)
+
+
+@pytest.mark.parametrize(("kind", "name", "at", "values"), STEEP)
+def test_steep_limits_are_decided_within_the_uncertainty_of_the_distance(kind, name, at, values):
+    """The largest ratio is found from samples of the path, refined around the largest one."""
+    path = {"helix": HELIX, "route": random_route(np.random.default_rng(3))}.get(kind)
+    if path is None:
+        path = qt.retime(HELIX, qt.Limits(speed=7.0, longitudinal_acceleration=(-3, 2)), knots=32).path
+    on = distances(path)
+    along = qt.Along(np.array(at) * on.length, values, "linear")
+    slope = np.max(np.abs(np.diff(values)) / np.diff(along.distance) / np.minimum(values[1:], values[:-1]))
+
+    def ratios(t):
+        return np.abs(qt.evaluate(path, t, (name,))[name]) / np.asarray(along.at(on.at(t)))
+
+    low, high = 0.0, float(path.duration)
+    for _ in range(6):
+        t = np.linspace(low, high, 801)
+        k = int(np.argmax(ratios(t)))
+        low, high = t[max(k - 1, 0)], t[min(k + 1, 800)]
+    worst, close = float(np.max(ratios(t))), 2e-9 + 3e-9 * slope * on.length
+    for factor, status in ((1 + close, "proved"), (1 - close, "broken")):
+        assert qt.certify(path, qt.Limits(**{name: along.scaled(worst * factor)})).status[name] == status
 
 
 @pytest.mark.parametrize("name", ["tilt", "bank_angle", "steering_angle"])

@@ -13,8 +13,9 @@ from qtraj.foundation import units
 from qtraj.path.channel import CHANNELS, outputs_with
 from qtraj.path.moment_quantities import MOMENTS
 from qtraj.path.path_quantity import INERTIA, PRINCIPAL, VEHICLE, WHEELBASE
-from qtraj.path.quantity import quantity
+from qtraj.path.quantity import QUANTITIES, quantity
 from qtraj.path.road_quantities import ROAD_QUANTITIES
+from qtraj.path.sides import upper_side
 from qtraj.path.values import value
 
 COEFFICIENTS = [20.0, 1.0, 0.3, -0.05], [0.2, 0.35, 0.02], [1.0, 0.4, 0.05, -0.01]
@@ -118,6 +119,18 @@ def test_the_work_of_the_forces_is_the_change_of_energy(bank):
     assert abs(integral(table, weights, "power") - energy - drag - rolling) < BALANCE * scale
     assert drag > 1e-3 * scale  # otherwise the test would not see it
     assert rolling > 1e-3 * scale
+
+
+def test_every_signed_quantity_has_its_magnitude():
+    car = qt.Vehicle(12e3, TENSOR, wheelbase=3.0)
+    signed = [name for name in QUANTITIES if upper_side(quantity(name)) != name]
+    assert {"power", "normal_load", "longitudinal_acceleration"} <= set(signed)
+    names = [x for name in signed for x in (name, f"{name}_magnitude") if CHANNELS[x].shape == ()]
+    path = qt.SpiralHelix([20.0, 1.0, 0.3, -0.05], [0.2, 0.35, 0.01, -0.002], [1.0, 0.4, 0.05, -0.01], 4.5)
+    table = qt.evaluate(path, np.linspace(0.0, 4.5, 40), names, vehicle=car)
+    for name in names[::2]:
+        np.testing.assert_allclose(table[f"{name}_magnitude"], np.abs(table[name]), rtol=1e-9, atol=1e-12)
+    assert (np.asarray(table.power) < 0).any()
 
 
 TENSOR = np.array([[1e4, 1.5e3, -2e3], [1.5e3, 5e4, 3e3], [-2e3, 3e3, 5.5e4]])  # with products of inertia
@@ -357,6 +370,8 @@ def test_outputs_say_what_they_need():
         "force",
         *FORCES,
         *MAGNITUDES.values(),
+        "normal_load_magnitude",
+        "power_magnitude",
     }
     assert {name for name, entry in CHANNELS.items() if entry.needs == PRINCIPAL} == set(MOMENTS)
     steering = {name for name, entry in CHANNELS.items() if entry.needs == WHEELBASE}

@@ -75,7 +75,7 @@ class Varying:
         d = np.asarray(self.along.distance)
         inside = AT_ENDS * error
         ends = self.side * np.stack([self.along.at(first), self.along.at(last)], axis=1)
-        slope = self._steepest(first, last, inside)
+        slope = self.steepest(first, last)
         gap = np.where(slope > 0, chord_gaps(self.on, low, high), 0.0) * slope
         above = gap + 2 * inside * slope + np.where(slope > 0, ROUNDING * np.abs(ends).max(axis=1), 0.0)
         shifted = ends - above[:, None]
@@ -87,8 +87,9 @@ class Varying:
         rest = np.where(chosen, span, above + gap)
         return self.side * found, rest
 
-    def _steepest(self, first: np.ndarray, last: np.ndarray, inside: float) -> Float[np.ndarray, " n"]:
+    def steepest(self, first: np.ndarray, last: np.ndarray) -> Float[np.ndarray, " n"]:
         """Return the largest slope of the linear pieces at both ends and in the middle of intervals of the distance."""
+        inside = AT_ENDS * self.on.uncertainty
         d, values = np.asarray(self.along.distance, float), np.asarray(self.along.values, float)
         slopes = np.append(np.abs(np.diff(values) / np.diff(d)), 0.0)
         places = np.stack([first - inside, 0.5 * (first + last), last + inside])

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from qtraj.algebra import bernstein
 from qtraj.foundation.namespace import namespace
 
 ROUNDING = 2.0**-49
@@ -31,22 +32,49 @@ def strict_tangent(angle: Any, part: int, side: int) -> np.ndarray:
     return np.where(np.isinf(found), found, found - side * ROUNDING * np.abs(found))
 
 
-def strict_line(line: Any, part: int, side: int) -> np.ndarray:
-    """Return lines (n, 2) on the strict side of the tangents of limits that are linear between the ends of `line`.
+def strict_curve(curve: Any, part: int, side: int) -> np.ndarray:
+    """Return polynomials on the strict side of the tangents of limits that are polynomials of one sign.
 
-    The tangent differs from its chord by at most an eighth of the squared change of the angle times the largest second
-    derivative of the tangent.
+    Both are given by Bernstein coefficients (n, terms). Constant limits and limits of which no accurate polynomial is
+    found get constant tangents.
     """
-    return strict_tangent(line, part, side) - side * gap_of_line(line, part)[:, None]
+    constant = side * np.min(side * curve, axis=1)
+    strict = np.repeat(strict_tangent(constant, part, side)[:, None], bernstein.INTERPOLATED, axis=1)
+    changes = np.isfinite(constant) & (curve != curve[:, :1]).any(axis=1)
+    if changes.any():
+        own = curve[changes]
+        at_nodes = [tangent(bernstein.values(own, z), part) for z in bernstein.nodes(bernstein.INTERPOLATED)]
+        found = bernstein.interpolated(np.stack(at_nodes, axis=1)) - side * _error(own, part)[:, None]
+        better = (side * (found.mean(axis=1) - strict[changes, 0]) > 0) & (found * constant[changes, None] > 0).all(
+            axis=1
+        )
+        strict[changes] = np.where(better[:, None], found, strict[changes])
+    return strict
 
 
-def gap_of_line(line: Any, part: int) -> np.ndarray:
-    """Return bounds (n,) on the distance of the tangent of a linear limit from its chord."""
-    steepest = np.abs(tangent(line, part)).max(axis=1)
-    change = (line[:, 1] - line[:, 0]) / part
-    with np.errstate(invalid="ignore", over="ignore"):
-        gap = 2 * steepest * (1 + steepest**2) * change**2 / 8 * (1 + ROUNDING)
-    return np.where(line[:, 0] == line[:, 1], 0.0, gap)
+def gap_of_curve(curve: Any, part: int, side: int) -> np.ndarray:
+    """Return bounds (n,) on the distance of the result of `strict_curve` from the tangent of a limit."""
+    error, strict = 2 * _error(curve, part), strict_curve(curve, part, side)
+    spread = np.ptp(tangent(curve, part), axis=1) if np.isfinite(curve).all() else np.full(len(curve), np.inf)
+    constant = (strict == strict[:, :1]).all(axis=1)
+    return np.where((curve == curve[:, :1]).all(axis=1), 0.0, np.where(constant, spread, error))
+
+
+def _error(curve: np.ndarray, part: int) -> np.ndarray:
+    """Return bounds on the errors of interpolations of the tangents of limits.
+
+    The Taylor coefficients of t = tan(x) follow from those of x by the recurrence of t' = (1 + t²)·x', here for
+    magnitudes.
+    """
+    with np.errstate(all="ignore"):
+        x = [c / part for c in bernstein.derivative_bounds(curve)]
+        largest = np.abs(curve).max(axis=1) / part
+        t = [np.abs(tangent(largest, 1))]
+        for k in range(bernstein.INTERPOLATED):
+            square = [sum(t[i] * t[j - i] for i in range(j + 1)) + (j == 0) for j in range(k + 1)]
+            t.append(sum(square[j] * (k + 1 - j) * x[k + 1 - j] for j in range(k + 1) if k + 1 - j < len(x)) / (k + 1))
+        rounding = bernstein.ROUNDING * (t[0] + (1 + t[0] ** 2) * largest)
+        return bernstein.error(np.asarray(t[-1]), bernstein.INTERPOLATED) + rounding
 
 
 def angle_of(tangent: Any, part: int) -> Any:

@@ -6,7 +6,7 @@ the command line use this registry.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from qtraj.foundation import record
@@ -16,6 +16,9 @@ from qtraj.path.path_quantity import INERTIA, PARAMETERS, PRINCIPAL, VEHICLE, WH
 from qtraj.path.quantity import QUANTITIES, SIDES, quantity
 from qtraj.path.sides import upper_side
 from qtraj.path.vehicle import Vehicle, has_principal_inertia
+
+MAGNITUDE = "_magnitude"
+"""The ending of the output with the magnitude of a signed quantity."""
 
 SIZES = {axis: len(names) for axis, names in labels_of("").items()}
 """Number of components along each axis."""
@@ -51,6 +54,17 @@ class Channel:
 def _scalar(entry: PathQuantity, formula: Callable[[Any], Any] | None = None) -> Channel:
     formula = formula or (lambda at: at.path_quantity(entry))
     return Channel(entry.variable, entry.unit, entry.meaning, (), formula, entry.needs, entry.gravity)
+
+
+def _magnitude(entry: PathQuantity) -> PathQuantity:
+    """Return the magnitude of a quantity that is signed in the registry."""
+    value, meaning = entry.signed, entry.meaning.partition(";")[0]
+    return replace(
+        entry,
+        output=f"{entry.name}{MAGNITUDE}",
+        meaning=f"magnitude of the {meaning}",
+        signed=None if value is None else lambda i: abs(value(i)),
+    )
 
 
 _ENTRIES = (
@@ -126,6 +140,9 @@ CHANNELS: dict[str, Channel] = _Channels({entry.name: entry for entry in _ENTRIE
 """The outputs by name, in the order in which they are displayed."""
 for _entry in (x for entry in QUANTITIES.values() for x in (quantity(upper_side(entry)), entry)):
     CHANNELS.setdefault(_entry.variable, _scalar(_entry))
+for _entry in QUANTITIES.values():
+    if _entry.signed is not None:  # a number limits the value, so no entry of the registry is the magnitude
+        CHANNELS[f"{_entry.name}{MAGNITUDE}"] = _scalar(_magnitude(_entry))
 
 
 def outputs_with(vehicle: Vehicle | None) -> tuple[str, ...]:

@@ -22,7 +22,7 @@ def chord_gaps(on: Distances, low: Float[np.ndarray, " n"], high: Float[np.ndarr
     paths, it is sampled.
     """
     if isinstance(on.path, Route):
-        low, high = _within_segments(on.path, low, high)
+        low, high = within_segments(on.path, low, high)
     bounds = pace_bounds(on.path, low, high)
     if bounds is not None:
         return np.where(high > low, bounds.change * (high - low) ** 2 / 8, 0.0)
@@ -33,7 +33,7 @@ def chord_gaps(on: Distances, low: Float[np.ndarray, " n"], high: Float[np.ndarr
     return RESERVE * np.max(np.abs(on.at(u.ravel()).reshape(u.shape) - chord), axis=1)
 
 
-def _within_segments(route: Route, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def within_segments(route: Route, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return intervals whose ends are not beyond a joint because of rounding errors."""
     times = np.asarray(route.times, float)
     row = np.clip(np.searchsorted(times, 0.5 * (low + high), side="right") - 1, 0, times.size - 2)

@@ -11,7 +11,7 @@ import numpy as np
 from qtraj.foundation.argument import described, require_type
 from qtraj.foundation.namespace import is_host, xp
 from qtraj.path import formula as formulas
-from qtraj.path.channel import CHANNELS
+from qtraj.path.channel import CHANNELS, MAGNITUDE
 from qtraj.path.frenet import Invariants
 from qtraj.path.own_facts import (
     POSITION,
@@ -45,9 +45,6 @@ from qtraj.path.sides import LOWER, UPPER, sides_of
 
 HIGHEST = len(NAMES) - 1
 """Order of the highest derivative that a function can use."""
-
-MAGNITUDE = "_magnitude"
-"""The ending of the output with the magnitude of a signed quantity."""
 
 FIELDS = ("values", "batched", "components", "frame", "axes")
 """The fields of a `Table`."""

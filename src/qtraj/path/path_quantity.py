@@ -180,9 +180,9 @@ class PathQuantity:
         """Return `tangent` in NumPy, rounded so that the limit on the ratio implies the limit on the quantity."""
         return angle.strict_tangent(limit, self.tangent_of, self.side) if self.tangent_of else limit
 
-    def strict_line(self, line: Any) -> Any:
-        """Return lines (n, 2) for limits on the ratio that imply limits which are linear between the ends of `line`."""
-        return angle.strict_line(line, self.tangent_of, self.side) if self.tangent_of else line
+    def strict_curve(self, curve: Any) -> Any:
+        """Return polynomials for limits on the ratio that imply the limits `curve`, both as Bernstein coefficients."""
+        return angle.strict_curve(curve, self.tangent_of, self.side) if self.tangent_of else curve
 
     def of_tangent(self, ratio: Any) -> Any:
         """Return the value of the quantity for a value of `tangent`."""

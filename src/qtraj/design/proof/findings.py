@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from qtraj.algebra import bernstein
 from qtraj.design.ellipse import OfSpeed
 from qtraj.path.path_quantity import PathQuantity
 
@@ -14,18 +15,19 @@ from qtraj.path.path_quantity import PathQuantity
 class Limit(NamedTuple):
     """A limit on one quantity: its value and the factor of the quantity (see `PathQuantity.factor`) for each path.
 
-    The value of a linear limit at both ends of the window is in `line`, and the strictest one in `bounds`.
+    A limit that changes in the window is the polynomial with the Bernstein coefficients `curve`, of which the strictest
+    one is in `bounds`.
     """
 
     entry: PathQuantity
     bounds: Float[np.ndarray, " n"]
     factors: Float[np.ndarray, " n"]
-    line: Float[np.ndarray, "n 2"] | None = None
+    curve: Float[np.ndarray, "n terms"] | None = None
     by_speed: OfSpeed | None = None
 
     def at(self, u: np.ndarray) -> np.ndarray:
         """Return the values at the fractions `u` of the window."""
-        return self.bounds if self.line is None else self.line[:, 0] + u * (self.line[:, 1] - self.line[:, 0])
+        return self.bounds if self.curve is None else bernstein.values(self.curve, u)
 
 
 class Window(NamedTuple):

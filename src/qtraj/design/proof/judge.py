@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from qtraj.algebra import bernstein
 from qtraj.algebra.bounded import BoundedPolynomial
 from qtraj.algebra.exact import ExactPolynomial
 from qtraj.algebra.subdivision import MAX_WORK
@@ -115,7 +116,7 @@ class _Task:
     def _decided(self, limit: Limit, wanted: np.ndarray) -> Decided:
         """Decide whether the quantity satisfies its limit."""
         entry, factors, bounds = limit.entry, limit.factors, limit.entry.strict_tangent(limit.bounds)
-        line = None if limit.line is None else entry.strict_line(limit.line)
+        curve = None if limit.curve is None else entry.strict_curve(limit.curve)
         si = _in_si(entry)
         length, per_time = (0, 0) if si else (entry.length, entry.per_time)
 
@@ -126,9 +127,8 @@ class _Task:
                 return formulas and formulas.within(entry, Bound(limit.by_speed, None, constant))
             factor = None if entry.factor is None else self._in_floats(factors, 0, 0)
             bound = self._in_floats(bounds, length, per_time)
-            if line is not None:
-                start, end = (self._in_floats(x, length, per_time) for x in line.T)
-                bound = start + (end - start) * self._fractions
+            if curve is not None:
+                bound = bernstein.in_floats((curve.T * self._per_unit(length, per_time)).T, k=12)
             return None if formulas is None else formulas.within(entry, Bound(bound, factor))
 
         def in_integers(k: int) -> Any:
@@ -138,9 +138,8 @@ class _Task:
                 constant = lambda x, n: units.times_power(ExactPolynomial.of(x), unit, n)  # noqa: E731
                 return formulas.within(entry, Bound(limit.by_speed, None, constant))
             bound = ExactPolynomial.of(bounds[k])
-            if line is not None:
-                start, end = map(ExactPolynomial.of, line[k])
-                bound = start + (end - start) * ExactPolynomial([0, 1])
+            if curve is not None:
+                bound = bernstein.in_integers(curve[k])
             bound = units.times_power(bound, unit, per_time)
             factor = None if entry.factor is None else ExactPolynomial.of(factors[k])
             return formulas.within(entry, Bound(bound, factor))
@@ -202,8 +201,10 @@ class _Task:
         return BoundedPolynomial(np.repeat([[0.0], [1.0]], self.source.count, axis=1))
 
     def _in_floats(self, x: np.ndarray, length: int, per_time: int) -> BoundedPolynomial:
-        source = self.source
-        return BoundedPolynomial.constant(x * source.duration**per_time / source.length**length, k=12)
+        return BoundedPolynomial.constant(x * self._per_unit(length, per_time), k=12)
+
+    def _per_unit(self, length: int, per_time: int) -> np.ndarray:
+        return self.source.duration**per_time / self.source.length**length
 
     def _exact_formulas(self, k: int) -> Formulas:
         """Return the formulas in exact integers for path k."""
@@ -226,7 +227,7 @@ class _Task:
     def _largest(self, limit: Limit, hints: np.ndarray | None, provable: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the instant and the largest value of a quantity, or the smallest for a lower bound, in SI units.
 
-        For a linear limit, it is the value that exceeds the limit most.
+        For a limit that changes, it is the value that exceeds the limit most.
         """
         entry, source, grid = limit.entry, self.source, self._grid(provable)
         if limit.by_speed is not None:
@@ -235,7 +236,7 @@ class _Task:
         unit = limit.factors * (1.0 if si else source.length**entry.length / source.duration**entry.per_time)
 
         def limit_at(u: np.ndarray) -> Any:
-            return 0.0 if limit.line is None else limit.at(u if u.ndim > 1 else u[:, None]) / unit
+            return 0.0 if limit.curve is None else limit.at(u if u.ndim > 1 else u[:, None]) / unit
 
         def function(u: np.ndarray) -> np.ndarray:
             with np.errstate(all="ignore"):
@@ -245,7 +246,7 @@ class _Task:
         known = [x for x in (None if hints is None else hints[None], self._small(entry.divisor, grid)) if x is not None]
         at, values = find_maxima(function, grid, function(grid), np.concatenate(known) if known else None)
         with np.errstate(all="ignore"):
-            return at, (entry.side * values + (0.0 if limit.line is None else limit.at(at) / unit)) * unit
+            return at, (entry.side * values + (0.0 if limit.curve is None else limit.at(at) / unit)) * unit
 
     def _small(self, divisor: str | None, grid: np.ndarray) -> np.ndarray | None:
         """Return the instants of the smallest values of a divisor, where a quantity may have narrow peaks, if any."""

@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
+from qtraj.algebra import bernstein
 from qtraj.design.limit_checks import depends_on_road
 from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, UNDEFINED
 from qtraj.design.proof.findings import Findings, Limit, Window
@@ -37,8 +38,8 @@ PLACES, ZOOMS = 33, 6
 ROUNDING = 1e-12
 """Relative violation of a limit that exceeds the rounding errors of a value on the road."""
 
-TIGHTER = 2.0**-50
-"""Fraction of a linear limit that exceeds the rounding errors of its values at the ends of a piece."""
+TIGHTER = 2.0**-47
+"""Fraction of a limit that changes which exceeds the rounding errors of its coefficients in a piece."""
 
 Judged = Callable[[Int[np.ndarray, " m"], Limit, Window, RoadParameters, RoadParameters | None], Findings]
 """Returns the findings on a limit in windows of segments, for parameters that are linear between those at both ends."""
@@ -71,24 +72,24 @@ class _Limited(NamedTuple):
 
     def at(self, owner: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Return the limit at parameters in intervals."""
-        if self.limit.line is None:
+        if self.limit.curve is None:
             return np.broadcast_to(self.limit.bounds, self.low.size)[owner]
-        start, rise = self.limit.line[owner, 0], np.diff(self.limit.line[owner], axis=1)[:, 0]
-        return start + self._place(owner, u) * rise
+        return bernstein.values(self.limit.curve[owner], self._place(owner, u))
 
     def _place(self, owner: np.ndarray, u: np.ndarray) -> np.ndarray:
         span = (self.high - self.low)[owner]
         return (u - self.low[owner]) / np.where(span > 0, span, 1.0)
 
     def part(self, pieces: _Pieces) -> Limit:
-        """Return the limit in pieces of intervals; a linear one is nowhere less strict."""
+        """Return the limit in pieces of intervals; one that changes is nowhere less strict."""
         entry, owner = self.limit.entry, pieces.owner
         bounds, factors = (np.broadcast_to(x, self.low.size)[owner] for x in (self.limit.bounds, self.limit.factors))
-        if self.limit.line is None:
+        if self.limit.curve is None:
             return Limit(entry, bounds, factors)
-        line = np.stack([self.at(owner, x) for x in pieces[1:3]], axis=1)
-        line = line - entry.side * TIGHTER * np.abs(self.limit.line[owner]).max(axis=1, keepdims=True)
-        return Limit(entry, entry.side * np.min(entry.side * line, axis=1), factors, line)
+        whole = self.limit.curve[owner]
+        curve = bernstein.restricted(whole, *(self._place(owner, x) for x in pieces[1:3]))
+        curve = curve - entry.side * TIGHTER * np.abs(whole).max(axis=1, keepdims=True)
+        return Limit(entry, entry.side * np.min(entry.side * curve, axis=1), factors, curve)
 
 
 class OnRoad:
@@ -222,8 +223,8 @@ def _rows(road: RoadParameters, rows: np.ndarray) -> RoadParameters:
 
 
 def _limit_rows(limit: Limit, rows: np.ndarray) -> Limit:
-    line = None if limit.line is None else limit.line[rows]
-    return Limit(limit.entry, limit.bounds[rows], limit.factors[rows], line)
+    curve = None if limit.curve is None else limit.curve[rows]
+    return Limit(limit.entry, limit.bounds[rows], limit.factors[rows], curve)
 
 
 def _worst(entry: PathQuantity, count: int, owner: Any, codes: Any, times: Any, values: Any, bounds: Any) -> Findings:

@@ -121,7 +121,7 @@ def _divided(on: Distances, segments: Segments, road: RoadParameters | None, way
             return on_road.findings(segment, limit, window)
         return judged(segment, limit, window, road)
 
-    return Divided(segments.starts, segments.durations, on, of_parts)
+    return Divided(segments.starts, segments.durations, on, of_parts, segments.composed)
 
 
 def _on_road(divided: Divided, segments: Segments, name: str, bound: float, way: Any) -> _Found:
@@ -149,7 +149,7 @@ def _of_varying(divided: Divided, segments: Segments, name: str, along: Any, fac
     rows = np.flatnonzero(parts.codes == BROKEN)
     h = segments.durations[parts.segment[rows]]
     start, end = (x[rows] * h for x in parts.window)
-    own = Intervals(parts.segment[rows], start, end, parts.line[rows] / factor, parts.times[rows])
+    own = Intervals(parts.segment[rows], start, end, parts.curve[rows] / factor, parts.times[rows])
     order = np.argsort(segments.starts[own.segment] + own.start, kind="stable")
     fields: Any = (x[order] for x in own[:5])
     own = Intervals(*fields)

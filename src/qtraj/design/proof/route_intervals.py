@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from qtraj.algebra import bernstein
 from qtraj.design.ellipse import OfSpeed
 from qtraj.design.proof.speed_claims import compared
 from qtraj.path.frenet import Invariants
@@ -29,22 +30,23 @@ Close to a stop, rounding errors dominate the velocity and its direction."""
 class Intervals(NamedTuple):
     """Parts of segments, from `start` to `end` [s], in which a quantity violates its bound at the time `peak` [s].
 
-    The bound is linear between its values at both ends, unless it depends on the speed. All times are measured from the
-    start of the segment.
+    The bound has these Bernstein coefficients, unless it depends on the speed. All times are measured from the start of
+    the segment.
     """
 
     segment: Int[np.ndarray, " n"]
     start: Float[np.ndarray, " n"]
     end: Float[np.ndarray, " n"]
-    bound: Float[np.ndarray, "n 2"]
+    bound: Float[np.ndarray, "n terms"]
     peak: Float[np.ndarray, " n"]
     by_speed: OfSpeed | None = None
 
     def bound_at(self, part: Int[np.ndarray, "n 1"], s: Float[np.ndarray, "n times"]) -> Float[np.ndarray, "n times"]:
         """Return the bounds of some parts at times since the starts of their segments."""
-        start, rise = self.bound[part, 0], self.bound[part, 1] - self.bound[part, 0]
+        part = np.broadcast_to(part, s.shape)
         length = np.maximum(self.end - self.start, np.finfo(float).tiny)[part]
-        return start + rise * (s - self.start[part]) / length
+        place = (s - self.start[part]) / length
+        return bernstein.values(self.bound[part.ravel()], place.ravel()).reshape(s.shape)
 
 
 def intervals(

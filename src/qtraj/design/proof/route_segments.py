@@ -75,8 +75,8 @@ def findings(
         source = lambda _, rows, kind=kind: curves.source(rows, kind)  # noqa: E731
         own = task
         if kind == "shape" and window is not None and composed.any():
-            # A linear function of the time is not linear along the curve.
-            constant = [limit._replace(line=None) for limit in limits]
+            # A function of the time is another one along the curve.
+            constant = [limit._replace(curve=None) for limit in limits]
             own = task._replace(window=Window(*(fractions_along(segments, x) for x in window)), limits=constant)
         _judge(result, own, np.flatnonzero(composed), every[kinds == kind], source)
     on_curve = np.ix_(composed, kinds == "shape")
@@ -141,7 +141,7 @@ def _parameters(road: RoadParameters | None, count: int, rows: np.ndarray) -> Ro
 def _of_rows(limit: Limit, count: int, rows: np.ndarray) -> Limit:
     """Return the limit in some of `count` rows."""
     bounds, factors = (np.broadcast_to(x, count)[rows] for x in (limit.bounds, limit.factors))
-    return Limit(limit.entry, bounds, factors, None if limit.line is None else limit.line[rows], limit.by_speed)
+    return Limit(limit.entry, bounds, factors, None if limit.curve is None else limit.curve[rows], limit.by_speed)
 
 
 def _regular(segments: Segments, rows: np.ndarray) -> Source:

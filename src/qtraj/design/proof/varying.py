@@ -150,7 +150,8 @@ def _divided(path: AbstractHodograph, limits: Limits) -> Divided:
 def _on_curve(path: Any, source: Any, limit: Limit, road: tuple[Any, Any], window: Window, k: int) -> Findings:
     """Return the findings on one part of a path that is not polynomial."""
     one: Any = jax.tree.map(lambda x: x[None] if eqx.is_array(x) else x, path)
-    own = Limit(limit.entry, limit.bounds[[k]], np.broadcast_to(limit.factors, len(limit.bounds))[[k]])
+    factors, curve = np.broadcast_to(limit.factors, len(limit.bounds)), limit.curve
+    own = Limit(limit.entry, limit.bounds[[k]], factors[[k]], None if curve is None else curve[[k]])
     start, end = (_row(x, k) for x in road)
     return judge(source(one), [own], start, Window(*(x[[k]] for x in window)), end)
 

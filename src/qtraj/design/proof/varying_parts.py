@@ -6,21 +6,25 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from qtraj.design.along import Along
+from qtraj.design.limit_curves import ACCURATE, TERMS, curves
 from qtraj.design.proof.certificate import BROKEN, UNDECIDED
 from qtraj.design.proof.findings import Findings, Limit, Window
 from qtraj.design.proof.route_segments import RANK
 from qtraj.design.varying import Varying
 from qtraj.design.windows import windows
-from qtraj.path.angle import gap_of_line
+from qtraj.path.angle import gap_of_curve
 from qtraj.path.distances import Distances
 from qtraj.path.path_quantity import PathQuantity
 
-ACCURATE, HALVINGS, MOST = 1e-7, 8, 2**14
-"""Parts of a linear limit are halved, at most `HALVINGS` times, until lines approximate it to this relative accuracy. A
-limit has at most `MOST` parts."""
+HALVINGS, MOST = 20, 2**14
+"""Parts of a linear limit are halved, at most `HALVINGS` times, until polynomials approximate it accurately. A limit
+has at most `MOST` parts."""
+
+CONSTANT_HALVINGS, CONSTANT_ACCURATE = 8, 1e-7
+"""The same, and the relative accuracy, where constants approximate it."""
 
 LEAST = float(np.finfo(float).tiny)
 
@@ -29,26 +33,28 @@ class Divided(NamedTuple):
     """A path that consists of segments, with the distances along it.
 
     `starts` and `durations` (n,) [s] are those of the segments. `findings` returns the findings on a limit in the given
-    segments (m,), restricted to a window of each.
+    segments (m,), restricted to a window of each. `constant` are the segments in which limits on the shape are compared
+    to the strictest value in the window.
     """
 
     starts: Float[np.ndarray, " n"]
     durations: Float[np.ndarray, " n"]
     distances: Distances
     findings: Callable[[Int[np.ndarray, " m"], Limit, Window], Findings]
+    constant: Bool[np.ndarray, " n"] | None = None
 
 
 class Parts(NamedTuple):
-    """Parts of segments, in which one limit is constant or linear, and the findings on them.
+    """Parts of segments, in which one limit is constant or a polynomial, and the findings on them.
 
-    `bounds` are those where they matter most, and `line` those at both ends of each part. The times [s] are measured
-    from the start of the segment.
+    `bounds` are those where they matter most, and `curve` are their Bernstein coefficients in each part. The times [s]
+    are measured from the start of the segment.
     """
 
     segment: Int[np.ndarray, " parts"]
     window: Window
     bounds: Float[np.ndarray, " parts"]
-    line: Float[np.ndarray, "parts 2"]
+    curve: Float[np.ndarray, "parts terms"]
     codes: Int[np.ndarray, " parts"]
     times: Float[np.ndarray, " parts"]
     values: Float[np.ndarray, " parts"]
@@ -77,27 +83,31 @@ def judged_parts(path: Divided, entry: PathQuantity, along: Along, factor: float
     """Return the findings on one limit in all parts of the path; `factor` is that of the quantity."""
     limit = Varying(along, path.distances, entry.side)
     segment, window, bounds = _cut(path, *windows(limit))
-    line = None
+    curve = None
     if along.kind == "linear":
-        segment, window, line = _lines(path, limit, entry, segment, window)
-        bounds = entry.side * np.min(entry.side * line, axis=1)
-    found = path.findings(segment, Limit(entry, bounds, np.asarray(factor), line), window)
-    ends = np.stack([bounds, bounds], axis=1) if line is None else line
-    parts = Parts(segment, window, bounds, ends, *(x[:, 0] for x in found))
-    return parts if line is None else _with_values(path, parts, limit)
+        segment, window, curve = _curves(path, limit, entry, segment, window)
+        bounds = entry.side * np.min(entry.side * curve, axis=1)
+    found = path.findings(segment, Limit(entry, bounds, np.asarray(factor), curve), window)
+    own = bounds[:, None] if curve is None else curve
+    parts = Parts(segment, window, bounds, own, *(x[:, 0] for x in found))
+    return parts if curve is None else _with_values(path, parts, limit)
 
 
-def _lines(
+def _curves(
     path: Divided, limit: Varying, entry: PathQuantity, segment: np.ndarray, window: Window
-) -> tuple[np.ndarray, Window, Float[np.ndarray, "parts 2"]]:
-    """Return smaller parts, in which lines approximate a linear limit, and the lines."""
-    for _ in range(HALVINGS):
+) -> tuple[np.ndarray, Window, Float[np.ndarray, "parts terms"]]:
+    """Return smaller parts, in which polynomials approximate a linear limit, and the polynomials."""
+    coefficients = np.zeros((0, TERMS))
+    for k in range(HALVINGS + 1):
         low, high = (path.starts[segment] + x * path.durations[segment] for x in window)
-        line, rest = limit.approximated(low, high)
+        coefficients, _, rough = curves(limit, low, high)
+        size = np.abs(coefficients).max(axis=1)
         if entry.tangent_of:
-            rest = rest + gap_of_line(line, entry.tangent_of)
-        rough = rest > ACCURATE * np.abs(line).max(axis=1)
-        if not rough.any() or segment.size + np.count_nonzero(rough) > MOST:
+            rough = rough | (gap_of_curve(coefficients, entry.tangent_of, entry.side) > ACCURATE * size)
+        if path.constant is not None and entry.of_shape and k < CONSTANT_HALVINGS:
+            spread = np.ptp(coefficients, axis=1)
+            rough = rough | (path.constant[segment] & (spread > CONSTANT_ACCURATE * size))
+        if k == HALVINGS or not rough.any() or segment.size + np.count_nonzero(rough) > MOST:
             break
         count = 1 + rough
         middle = 0.5 * (window.start + window.end)
@@ -105,12 +115,11 @@ def _lines(
         start, end = (np.repeat(x, count) for x in window)
         end[first[rough]] = start[first[rough] + 1] = middle[rough]
         segment, window = np.repeat(segment, count), Window(start, end)
-    low, high = (path.starts[segment] + x * path.durations[segment] for x in window)
-    return segment, window, limit.lines(low, high)
+    return segment, window, coefficients
 
 
 def _with_values(path: Divided, parts: Parts, limit: Varying) -> Parts:
-    """Return the parts with the values of a linear limit; UNDECIDED where only the line of a part is violated."""
+    """Return the parts with the values of a linear limit; UNDECIDED where only the polynomial of a part is violated."""
     bounds = limit.at(path.starts[parts.segment] + parts.times)
     within = (parts.codes == BROKEN) & ~(limit.side * (parts.values - bounds) > 0)
     return parts._replace(codes=np.where(within, UNDECIDED, parts.codes), bounds=bounds)

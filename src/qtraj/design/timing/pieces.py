@@ -1,8 +1,9 @@
 """Prove limits that change along the way on a timing that was not made for them, in parts of its cells.
 
-On a cell, the proof is about a line that is nowhere less strict than the limit (see `varying`). Where the limit bends
-or changes in steps within a cell, the line is a constant, so that the proof may fail although the limit is satisfied.
-Such cells are halved until the lines are close to the limit, or until a sample violates the limit itself.
+On a cell, the proof is about a constant or a polynomial that is nowhere less strict than the limit (see `varying` and
+`limit_curves`). Where the limit bends or changes in steps within a cell, it is a constant, so that the proof may fail
+although the limit is satisfied. Such cells are halved until the polynomials are close to the limit, or until a sample
+violates the limit itself.
 """
 
 from typing import Any, NamedTuple
@@ -10,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from qtraj.design.limit_curves import curves
 from qtraj.design.proof.certificate import BROKEN, PROVED, UNDECIDED
 from qtraj.design.timing.constraints import NAMES
 from qtraj.design.timing.grid import Grid
@@ -24,12 +26,12 @@ from qtraj.design.varying import Varying
 from qtraj.path.road_on_path import RoadOnPath
 
 ACCURATE, HALVINGS, MOST = 1e-7, 16, 2**13
-"""Cells are halved, at most `HALVINGS` times, until lines approximate the limits to this relative accuracy. From the
-number `MOST` of parts on, no cell is halved."""
+"""Cells are halved, at most `HALVINGS` times, until steps of the limits are below this relative accuracy, or
+polynomials are accurate. From the number `MOST` of parts on, no cell is halved."""
 
 AT_STEPS, SHORT = 24, 0.25
-"""Then cells with a step of a limit are halved, at most `AT_STEPS` more times, until they are shorter than the part
-`SHORT` of the uncertainty of distances, within which the stricter value holds."""
+"""Then cells with a step or a bend of a limit are halved, at most `AT_STEPS` more times, until they are shorter than
+the part `SHORT` of the uncertainty of distances, within which the stricter value holds."""
 
 LEAST = 2.0**-40
 """Smallest half length of a piece that is halved, relative to its segment; so the ends of pieces are exact floats."""
@@ -107,16 +109,19 @@ class _Problem:
         self._rest[0, 0], self._rest[1, -1] = timing.rest
 
     def judged(self, pieces: Pieces, names: tuple[str, ...]) -> tuple[Codes, Bool[np.ndarray, "limits pieces"]]:
-        """Return the status of the limits `names` on pieces, and where lines are not close to a limit that changes."""
+        """Return the status of the limits `names` on pieces, and where a limit that changes is not close."""
         low, high = (_parameters(self._limited, pieces.cell, x) for x in pieces[1:])
         grid, place = pieces.of(self._limited.cells.grid), np.stack([pieces.start, pieces.end])
         bounds, rough = {}, np.zeros((len(NAMES), pieces.cell.size), bool)
-        stricter = rough.copy()  # the line may be violated although the limit is satisfied
+        stricter = rough.copy()  # the polynomial may be violated although the limit is satisfied
         for name in names:
             bounds[name] = bound = self._limited.bounds[name]
             if isinstance(bound, Varying):
-                bounds[name], rest = bound.approximated(low, high)
-                rough[NAMES.index(name)] = rest > ACCURATE * np.abs(bounds[name]).max(axis=1)
+                if bound.along.kind == "linear":
+                    bounds[name], rest, rough[NAMES.index(name)] = curves(bound, low, high)
+                else:
+                    bounds[name], rest = bound.approximated(low, high)
+                    rough[NAMES.index(name)] = rest > ACCURATE * np.abs(bounds[name]).max(axis=1)
                 stricter[NAMES.index(name)] = rest > 0
         timing = self._powers[pieces.cell], self._rest[:, pieces.cell]
         vehicle: Any = self._limited.vehicle
@@ -128,11 +133,11 @@ class _Problem:
         return np.where(stricter & (codes == BROKEN), UNDECIDED, codes), rough
 
     def at_steps(self, pieces: Pieces) -> Bool[np.ndarray, "limits pieces"]:
-        """Return the pieces in which a limit changes in a step, and which are longer than the distance is uncertain."""
+        """Return the pieces with a step or a bend of a limit that are longer than the distance is uncertain."""
         found = np.zeros((len(NAMES), pieces.cell.size), bool)
         for name in self.changing:
             bound = self._limited.bounds[name]
-            if isinstance(bound, Varying) and bound.along.kind == "step":
+            if isinstance(bound, Varying):
                 on, steps = bound.on, np.sort(bound.changes())
                 low, high = (on.at(_parameters(self._limited, pieces.cell, x)) for x in pieces[1:])
                 near = [np.searchsorted(steps, x) for x in (low - on.uncertainty, high + on.uncertainty)]

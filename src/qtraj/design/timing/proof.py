@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from qtraj.algebra import bernstein
 from qtraj.algebra.bounded import BoundedPolynomial
 from qtraj.algebra.combined_claims import AnyClaim
 from qtraj.algebra.exact import ExactPolynomial
@@ -44,8 +45,8 @@ MORE_WORK = 4_000_000
 PATIENCE = 8
 """Number of cells with an undecided limit after which the limit is not proved anyway, and other cells get less work."""
 
-PerCell = Float[Any, "n *ends"]
-"""A limit in each cell, or its values at both ends of each cell, between which it is linear."""
+PerCell = Float[Any, "n *terms"]
+"""A limit in each cell, or its Bernstein coefficients there; two of them are the values at both ends of a line."""
 
 
 class Proofs(NamedTuple):
@@ -73,7 +74,7 @@ def prove(
     """Return the status of each limit on each cell; PROVED requires a proof of a > 0, where a = u̇².
 
     `timing` contains the coefficients of a in each cell, and whether a is zero at the start and at the end. A limit may
-    have the values at both ends of each cell. A limit that is not in `bounds` gets the status of a > 0. An infinite
+    have Bernstein coefficients in each cell. A limit that is not in `bounds` gets the status of a > 0. An infinite
     limit is PROVED if a > 0 is proved, otherwise UNDECIDED. Without a `vehicle`, limits on friction and power are
     treated as if they were not in `bounds`.
 
@@ -134,7 +135,7 @@ def _judged(
     place = None if place is None else np.tile(place, batch)
     motions = CellMotions(columns, of_cells(durations), first, half, timing, at_rest, segment, directions, place)
     limits, by_speed = bounds
-    each = {name: np.repeat(x, cells) if x.ndim == 1 else x.reshape(-1, 2) for name, x in limits.items()}
+    each = {name: np.repeat(x, cells) if x.ndim == 1 else x.reshape(-1, x.shape[-1]) for name, x in limits.items()}
     ways = [x and x.each(lambda y: np.repeat(y, cells) if y.ndim == 1 else y.reshape(-1)) for x in road]
     codes = np.zeros((len(NAMES), batch * cells), np.int32)
     for group in (motions.standing, ~motions.standing):
@@ -267,12 +268,8 @@ class _Task:
         per_time, limit = quantity(name).per_time, self.limits[name]
         if limit.ndim == 1:
             return BoundedPolynomial.constant(limit * self._unit**per_time, k=2 * per_time + 1)
-        line = np.stack([limit[:, 0], limit[:, 1] - limit[:, 0]])
-        return BoundedPolynomial(line * self._unit**per_time, k=2 * per_time + 2)
+        return bernstein.in_floats((limit.T * self._unit**per_time).T, k=2 * per_time + 1)
 
     def _exact_limit(self, name: str, k: int) -> ExactPolynomial:
-        start, *end = np.atleast_1d(self.limits[name][k])
-        limit = ExactPolynomial.of(start)
-        if end:
-            limit = limit + (ExactPolynomial.of(end[0]) - limit) * ExactPolynomial([0, 1])
+        limit = bernstein.in_integers(np.atleast_1d(self.limits[name][k]))
         return times_power(limit, self._unit[k], quantity(name).per_time)

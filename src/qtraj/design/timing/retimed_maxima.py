@@ -124,6 +124,13 @@ def largest_per_cell(limited: Limited, names: tuple[str, ...]) -> Float[Any, "li
     return xp.max(xp.where(xp.isnan(usage), 0.0, usage).reshape(-1, moving, PLACES), axis=-1)
 
 
+def _unless_lost(found: Any, new: Any, stops: Any) -> Any:
+    """Return the new places and ratios, or those found before where only these violate a limit, at an end of a cell."""
+    (place, usage), (before, after) = found, stops
+    lost = (usage > 1) & ~(new[1] > 1) & ~(before & (place == 0)) & ~(after & (place == 1))
+    return tuple(np.where(lost, x, y) for x, y in zip(found, new, strict=True))
+
+
 def largest_in(
     limited: Limited, cell: Int[Any, " limits"], names: tuple[str, ...]
 ) -> tuple[Float[Any, " limits"], Float[Any, " limits"], Float[Any, " limits"]]:
@@ -154,7 +161,7 @@ def largest_in(
     else:
         with np.errstate(all="ignore"):  # a failed search ends with NaN
             for step in range(ZOOMS):
-                place, usage = zoom(step, (place, usage))
+                place, usage = _unless_lost((place, usage), zoom(step, (place, usage)), (before, after))
     for row, name in enumerate(names):
         if isinstance(limited.bounds[name], OfSpeed):
             place[row] = _on_cell(limited, cell[row], name).worst()
