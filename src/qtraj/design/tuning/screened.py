@@ -56,8 +56,10 @@ def _best(one: Searches, changes: Float[np.ndarray, "n random"], fractions: Floa
 
 def _largest(one: Searches, z: Float[np.ndarray, "n random"]) -> Float[np.ndarray, " random"]:
     """Return the largest constraint values of many paths at the nodes."""
-    many = one.take(np.zeros(z.shape[1], int))
     largest = np.full(z.shape[1], ABSENT)
+    if not one.limits:
+        return largest
+    many = one.take(np.zeros(z.shape[1], int))
     with np.errstate(all="ignore"):
         for g in Curves(many, z).values(tuple(one.limits), NODES, one.order):
             largest = np.maximum(largest, np.max(np.broadcast_to(g, (len(NODES), z.shape[1])), axis=0))
