@@ -165,7 +165,7 @@ def least(peaks: Any, weights: np.ndarray, turn: Turn, bounds: np.ndarray, rng: 
         return np.where(inside, np.max(peaks(x) / weights[:, None], axis=0), np.inf)
 
     velocities = np.concatenate([turn.first, turn.last])[:, None] + scatter[:6] * rng.normal(size=(6, TRIED))
-    x = np.concatenate([velocities, np.log(rng.uniform(*bounds, (1, TRIED)))])
+    x = np.concatenate([velocities, np.log(rng.uniform(bounds[0], bounds[1], (1, TRIED)))])
     best, size = x[:, np.argmin(worst(x))], STEP
     value = worst(best[:, None])[0]
     for _ in range(ROUNDS):
