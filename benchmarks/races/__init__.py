@@ -15,6 +15,7 @@ RACES = (
     "propagation",
     "spline",
     "tuning",
+    "first_steps",
 )
 """The modules `benchmarks.races.<name>`, in the order in which they run."""
 

@@ -19,7 +19,8 @@ LIMITS = qt.Limits(curvature=0.048, lateral_acceleration=2.2)
 # One object each for all tests: compiled code is cached per object.
 ADAM = optax.adam(1e-2)
 CHAIN = optax.chain(optax.clip_by_global_norm(1.0), optax.sgd(1e-2, momentum=0.9))
-OPTIMISERS = {"lbfgs": "lbfgs", "adam": ADAM, "chain": CHAIN}
+SCHEDULE = optax.adam(optax.cosine_decay_schedule(2e-2, 600))
+OPTIMISERS = {"lbfgs": "lbfgs", "adam": ADAM, "chain": CHAIN, "optax.lbfgs": optax.lbfgs(), "schedule": SCHEDULE}
 
 RTOL = 1e-8
 """Relative difference of objectives of one solution; limits may be exceeded by 2e-9 before the proof."""
@@ -32,7 +33,9 @@ def tuned(method, objective="nearest", motion="uniform", duration=None, starts=1
     return qt.tune(START, END, LIMITS, objective, motion, duration, method=method, starts=starts, **more)
 
 
-@pytest.mark.parametrize("name", OPTIMISERS)
+@pytest.mark.parametrize(
+    "name", ["lbfgs", "adam", "chain", *(pytest.param(x, marks=pytest.mark.slow) for x in ("optax.lbfgs", "schedule"))]
+)
 def test_every_optimiser_agrees_with_sqp(name):
     best, reference = tuned(OPTIMISERS[name]), tuned("sqp")
     assert best.converged, best.result

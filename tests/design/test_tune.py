@@ -244,7 +244,7 @@ def test_an_impossible_limit_is_explained(impossible):
     assert best.status == "infeasible"
     assert not best.converged
     assert not best.certificate.met
-    assert "no boundary velocities were found that satisfy the limits (6 starts tried)" in best.result
+    assert "no boundary velocities were found that satisfy the limits (54 starts tried)" in best.result
     assert "The limit on curvature can be satisfied alone; no path was found that satisfies all limits" in best.result
     assert qt.tune(START, END, qt.Limits(curvature=0.02), bounds=SHORT_DURATION).certificate.met
     assert "What would help: raise curvature to" in best.result
@@ -266,8 +266,8 @@ def test_only_infeasible_problems_are_tried_from_more_starts(transform):
 
     many = transform(tuned)(jnp.array([0.06, 0.02, 0.05]))
     assert many.status.tolist() == ["converged", "infeasible", "ill-posed"]
-    assert many.starts_tried.tolist() == [1, 4, 0]
-    assert str(many).startswith("3 tunings from 0 … 4 starts each: 1 converged, 1 infeasible, 1 ill-posed")
+    assert many.starts_tried.tolist() == [1, 52, 0]
+    assert str(many).startswith("3 tunings from 0 … 52 starts each: 1 converged, 1 infeasible, 1 ill-posed")
 
 
 @pytest.mark.slow
@@ -277,7 +277,7 @@ def test_conflicting_limits_are_distinguished_from_impossible_ones():
     assert best.status == "infeasible"
     assert "The limit on curvature can be satisfied alone; no path was found that satisfies all limits" in best.result
     assert (
-        "The limit on lateral_acceleration was not satisfied, even as the only limit (11 starts tried)" in best.result
+        "The limit on lateral_acceleration was not satisfied, even as the only limit (59 starts tried)" in best.result
     )
     assert "longer duration" in best.result
 

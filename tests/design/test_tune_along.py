@@ -186,6 +186,7 @@ def test_areas_hold_on_the_tuned_path():
     assert np.asarray(table.speed)[inside].max() <= 6.5
 
 
+@pytest.mark.slow
 def test_contradicting_limits_are_infeasible():
     limits = qt.Limits(speed=qt.Along([0.0, 10.0], [6.0, 5.0]))  # the ends are 34 m apart
     best = tuned(limits, starts=1, bounds={"duration": (None, 5.0)})

@@ -17,6 +17,7 @@ from qtraj.design.tuning.model import build
 from qtraj.design.tuning.motions.motion import COMPONENTS
 from qtraj.design.tuning.peaks import find_peaks
 from qtraj.design.tuning.problem import DURATION
+from qtraj.design.tuning.screened import screened_starts
 from qtraj.design.tuning.search import TIE, AbstractSearch, Ends, Penalty, SearchResult
 from qtraj.design.tuning.searches import Curves, Searches
 from qtraj.design.tuning.sqp import FEASIBLE, SequentialQuadratic
@@ -89,9 +90,9 @@ def solve(
 
     If no search from a planned start satisfies the limits of a problem, "sqp" minimises the violation from these starts
     and from slow paths, each in at most `VIOLATION_STEPS` times `max_steps` steps. If the limits are then satisfied,
-    the objective is minimised from the resulting points. If still no search satisfies the limits, the same is done from
-    all other starts. So more starts, and first steps of an optimiser, never give a worse result than the planned
-    starts alone.
+    the objective is minimised from the resulting points. If this fails, the same is done from the best of many random
+    paths, and if still no search satisfies the limits, from all other starts. So more starts, and first steps of an
+    optimiser, never give a worse result than the planned starts alone.
     """
     count = searches.count
     if posed is not None and not posed.all():
@@ -112,16 +113,22 @@ def solve(
     first = first.take(_best(first, count))
     tried = np.full(count, starts)
 
-    def rescue(failed: np.ndarray, ends: Ends, points: np.ndarray) -> None:
+    def rescue(failed: np.ndarray, ends: Ends, points: np.ndarray) -> np.ndarray:
+        """Search again from `ends` and `points`, and return the problems that are still without a solution."""
         found = _rescued(method, searches.take(failed), ends.take(failed), points, max_steps, report)
         better = _merit(found) < _merit(result.take(failed))
         result.put(failed[better], found.take(better))
+        return failed[~((found.largest <= FEASIBLE) & found.stationary)]
 
     failed = np.flatnonzero(~(first.largest <= FEASIBLE))
     if failed.size:
         slow = np.repeat(_changes(searches.problem.names, SLOW).T[:, None], failed.size, axis=1)
-        rescue(failed, first, np.concatenate([points[:, failed, :planned], slow], axis=2))
         tried[failed] += len(SLOW)
+        failed = rescue(failed, first, np.concatenate([points[:, failed, :planned], slow], axis=2))
+    if failed.size:
+        screened = screened_starts(searches.take(failed))
+        tried[failed] += screened.shape[2]
+        rescue(failed, first, screened)
     failed = np.flatnonzero(~(result.largest <= FEASIBLE))
     if failed.size and starts > planned:
         rescue(failed, best, points[:, failed, planned:])

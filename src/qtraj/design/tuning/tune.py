@@ -107,10 +107,10 @@ def tune(
     additional limit, the last one in the certificate.
 
     `tune` runs `starts` searches from the initial states and perturbations of them, and returns the best result. If
-    none satisfies the limits, searches for the smallest violation run from all these starts and from slow paths. If
-    these fail, too, the result is the path with the smallest violation, with advice. `starts_tried` is the number of
-    starts. `progress` is called with a `Progress` a few times per second; `progress=True` displays the progress (extra
-    `cli`).
+    none satisfies the limits, searches for the smallest violation run from all these starts and from slow paths, and
+    then from the best of many random paths. If these fail, too, the result is the path with the smallest violation,
+    with advice. `starts_tried` is the number of starts. `progress` is called with a `Progress` a few times per second;
+    `progress=True` displays the progress (extra `cli`).
 
     `method` "sqp" is sequential quadratic programming on refined peaks with exact second derivatives. With an
     `optax.GradientTransformation` such as `optax.adam(1e-2)`, or with "lbfgs" or "adam" (learning rate 1e-2), all
