@@ -88,12 +88,13 @@ class Varying:
         return self.side * found, rest
 
     def steepest(self, first: np.ndarray, last: np.ndarray) -> Float[np.ndarray, " n"]:
-        """Return the largest slope of the linear pieces at both ends and in the middle of intervals of the distance."""
+        """Return the largest slope of the linear pieces in intervals of the distance and close to their ends."""
         inside = AT_ENDS * self.on.uncertainty
         d, values = np.asarray(self.along.distance, float), np.asarray(self.along.values, float)
-        slopes = np.append(np.abs(np.diff(values) / np.diff(d)), 0.0)
-        places = np.stack([first - inside, 0.5 * (first + last), last + inside])
-        return slopes[np.maximum(np.searchsorted(d, places, side="right") - 1, 0)].max(axis=0)
+        slopes = np.append(np.abs(np.diff(values) / np.diff(d)), [0.0, 0.0])
+        ends = np.stack([first - inside, last + inside], axis=1)
+        pieces = np.maximum(np.searchsorted(d, ends, side="right") + [-1, 0], [0, 1])
+        return np.maximum.reduceat(slopes, pieces.ravel())[::2]
 
     def at(self, u: Parameters) -> Parameters:
         """Return the values at parameters of the path; where the value changes, the later one."""
