@@ -99,6 +99,8 @@ def test_the_curvature_at_a_stop_with_a_fixed_state_is_limited_at_its_node(drive
     before, after = (float(qt.evaluate(x, end, ("curvature",)).curvature[0]) for x, end in ends)
     assert before > 0.25
     assert after == pytest.approx(0.2, rel=1e-3)
+    timed = qt.retime(found.path, qt.Limits(speed=4.0, lateral_acceleration=1.0, longitudinal_acceleration=1.0))
+    assert qt.certify(timed.path, qt.Limits(curvature=0.2)).holds
 
 
 def test_the_manoeuvre_backwards_has_the_same_optimum(drive, tuned):

@@ -109,3 +109,17 @@ def test_angles_that_are_too_large_are_left_to_the_reader(function):
 @pytest.mark.parametrize("name", ["tune.starts", "turns", "limits.keep_out", "vehicle.bank", "placement.origin.x"])
 def test_other_keys_are_left_to_the_reader(name):
     assert not sweep_batch.supports({name: np.zeros(3), "start.speed": np.ones(3)})
+
+
+@pytest.mark.parametrize("names", [("start.speed", "start.velocity.x"), ("start.velocity.x", "start.speed")])
+def test_a_speed_and_a_component_of_one_velocity_have_the_states_of_single_points(function, names):
+    """A speed scales the velocity of the scenario, not that of the first point."""
+    rng = np.random.default_rng(5)
+    points = {name: rng.uniform(1.0, 5.0, COUNT) for name in names}
+    own = function(points)
+    found = own(points)
+    assert not sweep_batch.supports(points)
+    assert sweep_batch.supports({"start.speed": points["start.speed"], "end.velocity.x": points["start.velocity.x"]})
+    for k in (0, COUNT - 1):
+        alone = own({name: x[k : k + 1] for name, x in points.items()})
+        compare({name: x[k : k + 1] for name, x in found.items()}, alone)

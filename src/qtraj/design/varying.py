@@ -1,8 +1,9 @@
 """Limits that change along the way, as functions of the parameter of one path.
 
 In each cell of a timing, such a limit is replaced by a line that is nowhere less strict: a constant for steps, and for
-linear values nearly the values themselves. Searches impose these lines, and proofs are about them: the distance along a
-polynomial path differs from its chord by less than a bound.
+linear values nearly the values themselves. The distance along a polynomial path differs from its chord by less than a
+bound. Searches impose these lines, and so do proofs with steps; those with linear values use polynomials, which are
+closer to the limit (`limit_curves`).
 """
 
 from __future__ import annotations
@@ -93,7 +94,7 @@ class Varying:
         d, values = np.asarray(self.along.distance, float), np.asarray(self.along.values, float)
         slopes = np.append(np.abs(np.diff(values) / np.diff(d)), [0.0, 0.0])
         ends = np.stack([first - inside, last + inside], axis=1)
-        pieces = np.maximum(np.searchsorted(d, ends, side="right") + [-1, 0], [0, 1])
+        pieces = np.maximum(np.searchsorted(d, ends, side="right") + np.array([-1, 0]), [0, 1])
         return np.maximum.reduceat(slopes, pieces.ravel())[::2]
 
     def at(self, u: Parameters) -> Parameters:

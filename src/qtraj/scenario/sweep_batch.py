@@ -59,8 +59,12 @@ class Together(NamedTuple):
 
 
 def supports(names: Mapping[str, Any]) -> bool:
-    """Return whether points with these parameters can be one batch."""
-    return all(
+    """Return whether points with these parameters can be one batch.
+
+    A speed scales the velocity of the scenario, which is known only if no other parameter changes it.
+    """
+    turned = {name.partition(".")[0] for name in names if ".velocity." in name}
+    return not any(f"{end}.speed" in names for end in turned) and all(
         name in STATES or name in TIMES or name.removeprefix(VEHICLE) in MASSES or _limit_of(name) for name in names
     )
 

@@ -1,4 +1,4 @@
-"""Findings on limits that change along the way: in parts of the segments of a path with constant bounds."""
+"""Findings on limits that change along the way, in parts of the segments of a path that have one polynomial as bound."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ BITS = 36
 """Number of bits of an interval of masses, so that the masses at the nodes are exact floats."""
 
 
-class Masses(NamedTuple):
+class OutwardInterval(NamedTuple):
     """An interval of masses, or of another number of a vehicle, with ends that are rounded outwards to `BITS` bits."""
 
     low: float
@@ -42,7 +42,7 @@ class Masses(NamedTuple):
     """Whether masses were added, so that a violated limit may be one of these masses only."""
 
     @classmethod
-    def around(cls, low: float, high: float) -> Masses:
+    def around(cls, low: float, high: float) -> OutwardInterval:
         """Return a slightly larger interval; its lowest mass is zero if `low` is less than 2^-BITS times `high`."""
         unit = np.ldexp(1.0, int(np.frexp(high)[1]) - BITS)
         own = float(np.floor(low / unit) * unit), float(np.ceil(high / unit) * unit)
@@ -59,7 +59,7 @@ class BoxClaims:
     The last parameters are those of `RoadParameters` that deviate, in the order of their `intervals`.
     """
 
-    def __init__(self, family: Family, vehicle: RoadParameters, intervals: dict[str, Masses], fastest: float):
+    def __init__(self, family: Family, vehicle: RoadParameters, intervals: dict[str, OutwardInterval], fastest: float):
         self.family, self.vehicle, self.intervals = family, vehicle, intervals
         self.count = len(family.names) + len(intervals)
         self._fastest = fastest  # squared, in the units of the source

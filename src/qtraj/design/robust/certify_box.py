@@ -16,7 +16,7 @@ from qtraj.design.proof.certificate import BROKEN, PROVED, UNDECIDED, UNDEFINED
 from qtraj.design.proof.certify import certify
 from qtraj.design.robust.box import STATES, VEHICLE, Box
 from qtraj.design.robust.box_certificate import BoxCertificate
-from qtraj.design.robust.box_claims import BoxClaims, Masses
+from qtraj.design.robust.box_claims import BoxClaims, OutwardInterval
 from qtraj.design.robust.family import Family
 from qtraj.design.robust.vehicles import with_vehicles
 from qtraj.foundation.argument import require_type
@@ -242,18 +242,18 @@ def require_box_limits(limits: Limits, box: Box, what: str) -> None:
         )
 
 
-def masses_of(mass: Any, box: Box) -> Masses:
+def masses_of(mass: Any, box: Box) -> OutwardInterval:
     """Return an interval with all masses of a box."""
     low, high = box.intervals["mass"]
-    return Masses.around(float(np.asarray(mass)) + low, float(np.asarray(mass)) + high)
+    return OutwardInterval.around(float(np.asarray(mass)) + low, float(np.asarray(mass)) + high)
 
 
-def drags_of(vehicle: Any, box: Box) -> Masses:
+def drags_of(vehicle: Any, box: Box) -> OutwardInterval:
     """Return an interval with all decelerations by air drag of a box, as the `drag` of `RoadParameters`."""
     low, high = (float(np.asarray(vehicle.drag_area)) + x for x in box.intervals["drag_area"])
     per_area = 0.5 * float(np.asarray(vehicle.air_density)) / float(np.asarray(vehicle.mass))
-    # One rounding more than those of the products, which may shorten the interval.
-    return Masses.around(per_area * low * (1 - 1e-15), per_area * high * (1 + 1e-15))
+    # The four rounding errors of each product are together smaller than 5e-16.
+    return OutwardInterval.around(per_area * low * (1 - 1e-15), per_area * high * (1 + 1e-15))
 
 
 def source_is_vertical(path: SpiralHelix) -> bool:

@@ -125,7 +125,7 @@ def solve(
         slow = np.repeat(_changes(searches.problem.names, SLOW).T[:, None], failed.size, axis=1)
         tried[failed] += len(SLOW)
         failed = rescue(failed, first, np.concatenate([points[:, failed, :planned], slow], axis=2))
-    if failed.size:
+    if failed.size and searches.limits:
         screened = screened_starts(searches.take(failed))
         tried[failed] += screened.shape[2]
         rescue(failed, first, screened)

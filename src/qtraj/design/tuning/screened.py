@@ -31,7 +31,7 @@ SEED = 38
 
 
 def screened_starts(searches: Searches) -> Float[np.ndarray, "n batch starts"]:
-    """Return the best starts of each problem; limits that change along the way are not considered."""
+    """Return the best starts of each problem with constant limits; those that change along the way are ignored."""
     rng = np.random.default_rng(SEED)
     changes = SPREAD * rng.standard_normal((len(searches.low), RANDOM))
     fractions = rng.uniform(size=RANDOM)
@@ -57,8 +57,6 @@ def _best(one: Searches, changes: Float[np.ndarray, "n random"], fractions: Floa
 def _largest(one: Searches, z: Float[np.ndarray, "n random"]) -> Float[np.ndarray, " random"]:
     """Return the largest constraint values of many paths at the nodes."""
     largest = np.full(z.shape[1], ABSENT)
-    if not one.limits:
-        return largest
     many = one.take(np.zeros(z.shape[1], int))
     with np.errstate(all="ignore"):
         for g in Curves(many, z).values(tuple(one.limits), NODES, one.order):
