@@ -1,4 +1,4 @@
-"""Findings on limits that change along the way, in parts of the segments of a path that have one polynomial as bound."""
+"""Findings on limits that change along the way, in parts of segments that have one polynomial as their bound."""
 
 from __future__ import annotations
 
