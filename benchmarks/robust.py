@@ -78,6 +78,11 @@ BOXES = {
         qt.Limits(power=19e3, longitudinal_force=(None, 4e3), vehicle=COACH),
         qt.Box(start_speed=0.2, drag_area=(-2, 8)),
     ),
+    "mass, drag by wind": (
+        (START, END),
+        qt.Limits(power=19e3, friction=0.18, vehicle=COACH),
+        qt.Box(mass=(0, 600), drag_area=(-2, 8)),
+    ),
     "wide turn": (
         WIDE,
         qt.Limits(curvature=1 / 24, lateral_acceleration=2.2),

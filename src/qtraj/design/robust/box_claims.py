@@ -16,9 +16,9 @@ from qtraj.algebra.exact import ExactPolynomial
 from qtraj.algebra.tensor_forms import Form, in_floats, in_integers, nodes
 from qtraj.design.proof import units
 from qtraj.design.proof.limit_claims import DIVISOR_ORDER, DIVISORS, Bound, Formulas
+from qtraj.design.robust.box_vehicle import DRAG, INVERSE_MASS, BoxVehicle
 from qtraj.design.robust.family import Family
 from qtraj.path.path_quantity import PathQuantity
-from qtraj.path.road_parameters import RoadParameters
 
 MAX_WORK = 400_000_000
 """Largest work to evaluate formulas in integers, about 20 s: the number of nodes times (coefficients in the time)³.
@@ -29,53 +29,38 @@ One node takes 2.5 ms with 31 coefficients, 25 ms with 73, and 130 to 240 ms wit
 MAX_NUMBERS = 4_000_000
 """Largest number of coefficients of a form in floats."""
 
-BITS = 36
-"""Number of bits of an interval of masses, so that the masses at the nodes are exact floats."""
 
+class Known(NamedTuple):
+    """The formulas of all paths of a box, and the factor of limits on forces, None for 1."""
 
-class OutwardInterval(NamedTuple):
-    """An interval of masses, or of another number of a vehicle, with ends that are rounded outwards to `BITS` bits."""
-
-    low: float
-    high: float
-    rounded: bool
-    """Whether masses were added, so that a violated limit may be one of these masses only."""
-
-    @classmethod
-    def around(cls, low: float, high: float) -> OutwardInterval:
-        """Return a slightly larger interval; its lowest mass is zero if `low` is less than 2^-BITS times `high`."""
-        unit = np.ldexp(1.0, int(np.frexp(high)[1]) - BITS)
-        own = float(np.floor(low / unit) * unit), float(np.ceil(high / unit) * unit)
-        return cls(*own, own != (low, high))
-
-    def at(self, fractions: Any) -> Any:
-        """Return the masses at fractions of the interval that are nodes; nothing is rounded."""
-        return self.low + (self.high - self.low) * fractions
+    formulas: Formulas
+    of_forces: Any
 
 
 class BoxClaims:
     """Claims about all paths of a family.
 
-    The last parameters are those of `RoadParameters` that deviate, in the order of their `intervals`.
+    The last parameters are those of the vehicle, in the order of its `intervals`.
     """
 
-    def __init__(self, family: Family, vehicle: RoadParameters, intervals: dict[str, OutwardInterval], fastest: float):
-        self.family, self.vehicle, self.intervals = family, vehicle, intervals
-        self.count = len(family.names) + len(intervals)
+    def __init__(self, family: Family, vehicle: BoxVehicle, fastest: float):
+        self.family, self.vehicle = family, vehicle
+        self.count = len(family.names) + len(vehicle.intervals)
         self._fastest = fastest  # squared, in the units of the source
-        self._floats: dict[Any, Formulas] = {}
-        self._exact: dict[Any, Formulas] = {}
+        self._floats: dict[Any, Known] = {}
+        self._exact: dict[Any, Known] = {}
         self._divisors: dict[str, BoxDecision] = {}
 
     def limit(self, entry: PathQuantity, bound: float, factor: float) -> BoxDecision:
         """Decide whether a limit is satisfied at all times on all paths."""
         strict_bound = float(entry.strict_tangent(np.array([bound]))[0])
         order = max(1, entry.order)
-        source = self.family.source
+        source, is_force = self.family.source, self._is_force(entry)
 
-        def claim(formulas: Formulas, number: Callable[[float, int, int], Any]) -> AnyClaim:
+        def claim(known: Known, number: Callable[[float, int, int], Any]) -> AnyClaim:
             own = None if entry.factor is None else number(factor, 0, 0)
-            return formulas.within(entry, Bound(number(strict_bound, entry.length, entry.per_time), own))
+            limit = number(strict_bound, entry.length, entry.per_time)
+            return known.formulas.within(entry, Bound(limit * known.of_forces if is_force else limit, own))
 
         def in_source_units(count: int) -> Callable[[float, int, int], Any]:
             scale = lambda x, m, s: x * source.duration[0] ** s / source.length[0] ** m  # noqa: E731
@@ -89,10 +74,17 @@ class BoxClaims:
             strict=False,
         )
 
-    @property
-    def rounded(self) -> bool:
-        """Whether the claims are also about masses or drags that are not in the box."""
-        return any(x.rounded for x in self.intervals.values())
+    def _is_force(self, entry: PathQuantity) -> bool:
+        """Return whether a quantity is proportional to a mass that deviates."""
+        if INVERSE_MASS not in self.vehicle.intervals:
+            return False
+        none, place = self._no_degrees(), len(self.family.names)
+        mass = Degrees([int(k == place) for k in range(self.count)])
+        vehicle = units.constants(self.vehicle.road.each(lambda x: np.asarray(x, float)), lambda x: none)
+        motion = self.family.degrees(max(1, entry.order), self.count)
+        formulas = Formulas(motion, lambda x: none, vehicle._replace(mass=mass))
+        claim = formulas.within(entry, Bound(none, None if entry.factor is None else none))
+        return any(isinstance(p, Degrees) and p.exponents[place] > 0 for p in claim.polynomials)
 
     def divisor(self, name: str) -> BoxDecision:
         """Decide whether a divisor of a quantity is positive at all times on all paths of the box."""
@@ -102,28 +94,27 @@ class BoxClaims:
             length = self.family.source.length[0]
             found = self._decided(
                 DIVISOR_ORDER[name],
-                lambda f: f.divisor(name, self._no_degrees()),
-                lambda f, count: f.divisor(name, BoundedPolynomial.constant(np.full(count, self._fastest))),
-                lambda f: f.divisor(name, units.times_power(ExactPolynomial.of(self._fastest), length, 2)),
+                lambda x: x.formulas.divisor(name, self._no_degrees()),
+                lambda x, count: x.formulas.divisor(name, BoundedPolynomial.constant(np.full(count, self._fastest))),
+                lambda x: x.formulas.divisor(name, units.times_power(ExactPolynomial.of(self._fastest), length, 2)),
                 strict=True,
             )
-            # A divisor with a mass may be zero at added masses only.
-            known = name in DIVISORS or not self.rounded
+            # A divisor with a number of the vehicle may be zero at added numbers only.
+            known = name in DIVISORS or not self.vehicle.rounded
             self._divisors[name] = found if known else found._replace(refuted=False)
         return self._divisors[name]
 
     def _decided(
         self,
         order: int,
-        of_degrees: Callable[[Formulas], AnyClaim],
-        of_floats: Callable[[Formulas, int], AnyClaim],
-        of_integers: Callable[[Formulas], AnyClaim],
+        of_degrees: Callable[[Known], AnyClaim],
+        of_floats: Callable[[Known, int], AnyClaim],
+        of_integers: Callable[[Known], AnyClaim],
         strict: bool,
     ) -> BoxDecision:
-        known = Formulas(
-            self.family.degrees(order, self.count), lambda x: self._no_degrees(), self._degrees_of_vehicle()
-        )
-        claim = of_degrees(known)
+        vehicle, of_forces = self.vehicle.degrees(self.count)
+        motion = self.family.degrees(order, self.count)
+        claim = of_degrees(Known(Formulas(motion, lambda x: self._no_degrees(), vehicle), of_forces))
         each = [x.exponents if isinstance(x, Degrees) else (0,) * self.count for x in claim.polynomials]
         degrees = tuple(max(column) for column in zip(*each, strict=True)) if self.count else ()
         count = int(np.prod([d + 1 for d in degrees]))
@@ -143,36 +134,36 @@ class BoxClaims:
 
         return decide(floats, forms, exact_forms, strict)
 
-    def _in_floats(self, order: int, degrees: tuple[int, ...]) -> Formulas:
+    def _in_floats(self, order: int, degrees: tuple[int, ...]) -> Known:
         if (order, degrees) not in self._floats:
+            source = self.family.source
             columns = np.array(list(product(*(nodes(d) for d in degrees))), float)
-            vehicle = self.vehicle._replace(**self._at(columns.T[len(self.family.names) :]))
-            scaled = units.scaled_vehicle(vehicle, self.family.source)
-            own = scaled.each(lambda x: np.broadcast_to(np.asarray(x, float), (len(columns),)))
-            known = units.constants(own, lambda x: BoundedPolynomial.constant(np.asarray(x), k=6))
-            constant = lambda x: BoundedPolynomial.constant(np.full(len(columns), units.as_number(x)), k=1)  # noqa: E731
-            self._floats[order, degrees] = Formulas(self.family.bounded(order, degrees), constant, known)
+
+            def constant(x: Any) -> BoundedPolynomial:
+                own = np.broadcast_to(np.asarray(units.as_number(x) if np.ndim(x) == 0 else x, float), (len(columns),))
+                return BoundedPolynomial.constant(own, k=6)
+
+            own = self.vehicle.at([*columns.T[len(self.family.names) :]])
+            scaled = units.scaled_vehicle(self.vehicle.road, source)
+            if DRAG in own:
+                own[DRAG] = own[DRAG] * source.length[0]
+            vehicle, of_forces = self.vehicle.with_numbers(
+                {name: constant(x) for name, x in own.items()}, constant, scaled, source.length[0]
+            )
+            self._floats[order, degrees] = Known(
+                Formulas(self.family.bounded(order, degrees), constant, vehicle), of_forces
+            )
         return self._floats[order, degrees]
 
-    def _in_integers(self, order: int, point: tuple[Any, ...]) -> Formulas:
+    def _in_integers(self, order: int, point: tuple[Any, ...]) -> Known:
         if (order, point) not in self._exact:
-            vehicle = self.vehicle._replace(**self._at([float(x) for x in point[len(self.family.names) :]]))
-            known = units.constants(vehicle.each(lambda x: np.asarray(x, float)), ExactPolynomial.of)
-            self._exact[order, point] = Formulas(self.family.exact(order, point), ExactPolynomial.of, known)
+            vehicle, of_forces = self.vehicle.exactly([float(x) for x in point[len(self.family.names) :]])
+            formulas = Formulas(self.family.exact(order, point), ExactPolynomial.of, vehicle)
+            self._exact[order, point] = Known(formulas, of_forces)
         return self._exact[order, point]
 
     def _no_degrees(self) -> Degrees:
         return Degrees((0,) * self.count)
-
-    def _at(self, fractions: Any) -> dict[str, Any]:
-        """Return the numbers of the vehicle at fractions of their intervals."""
-        return {name: x.at(s) for (name, x), s in zip(self.intervals.items(), fractions, strict=True)}
-
-    def _degrees_of_vehicle(self) -> Any:
-        known = units.constants(self.vehicle.each(lambda x: np.asarray(x, float)), lambda x: self._no_degrees())
-        first = len(self.family.names)
-        own = {name: Degrees([int(k == j) for j in range(self.count)]) for k, name in enumerate(self.intervals, first)}
-        return known._replace(**own)
 
 
 def _of_all(p: Any, count: int) -> BoundedPolynomial:

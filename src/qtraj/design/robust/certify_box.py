@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from qtraj.algebra.box_subdivision import BoxDecision
 from qtraj.design.divisors import factors as factors_of
 from qtraj.design.limits import Limits, limits_of, require_limits
 from qtraj.design.obstacles.keep_out import refuse_obstacles
@@ -16,7 +15,8 @@ from qtraj.design.proof.certificate import BROKEN, PROVED, UNDECIDED, UNDEFINED
 from qtraj.design.proof.certify import certify
 from qtraj.design.robust.box import STATES, VEHICLE, Box
 from qtraj.design.robust.box_certificate import BoxCertificate
-from qtraj.design.robust.box_claims import BoxClaims, OutwardInterval
+from qtraj.design.robust.box_claims import BoxClaims
+from qtraj.design.robust.box_vehicle import BoxVehicle
 from qtraj.design.robust.family import Family
 from qtraj.design.robust.vehicles import with_vehicles
 from qtraj.foundation.argument import require_type
@@ -28,6 +28,9 @@ from qtraj.path.spiral_helix import SpiralHelix
 GRID = 5
 """Number of values of each parameter at which worst values are looked for."""
 
+LEAST_MASS = 1e-10
+"""Smallest ratio of the lowest mass to the highest one."""
+
 LARGE = 1e12
 """A limit on the speed that every path satisfies, to find the largest speed."""
 
@@ -38,8 +41,8 @@ def certify_box(path: SpiralHelix, limits: Limits, box: Box, *, throw: bool = Fa
     The states at the ends of the path deviate. The vehicle then drives the spiral-helix whose radius, azimuth and
     height differ from those of `path` by the cubics that change these states and no other ones, in the same time. Along
     such a path, a limit is an inequality between polynomials in the time and in the deviations, and it is decided for
-    all of them at once, in exact integers where floats do not suffice (docs/howto/robust.md). The mass enters in the
-    same way; of limits that deviate, the strictest value is proved. Nothing is linearised or sampled.
+    all of them at once, in exact integers where floats do not suffice (docs/howto/robust.md). The mass and the drag
+    area enter in the same way; of limits that deviate, the strictest value is proved. Nothing is linearised or sampled.
 
     Args:
         path: One spiral-helix, with concrete values.
@@ -54,7 +57,7 @@ def certify_box(path: SpiralHelix, limits: Limits, box: Box, *, throw: bool = Fa
 
     Raises:
         ValueError: For a path of another kind, a batch, limits that change or need another axis, a mass or drag area
-            without vehicle, a mass with air drag, and deviations of limits that are not set or reach zero.
+            without vehicle, and deviations of limits that are not set or reach zero.
         RuntimeError: With `throw`, if a limit is not proved.
 
     Example:
@@ -141,34 +144,25 @@ class BoxProblem(NamedTuple):
             divisor = claims.divisor(entry.divisor)
             if divisor.refuted:  # the quantity itself can then not be proved, which takes longest
                 time = divisor.at[0] * float(np.asarray(self.family.source.duration[0]))
-                return UNDEFINED, Worst(self._deviations(divisor)[0], time, np.nan)
+                return UNDEFINED, Worst(claims.vehicle.deviations(self.box, divisor.at[1:], self.limits), time, np.nan)
             defined = divisor.proved
         found = claims.limit(entry, bound, factor)
         if found.refuted:
-            point = self._deviations(found)
+            point = claims.vehicle.deviations(self.box, found.at[1:], self.limits)[None]
             at, value = self.values(point)
             own = max(own, Worst.of(point, at[:, k], value[:, k], entry.side), key=lambda x: entry.side * x.value)
-        # A bound that was rounded, or masses, may be violated although the limit and the box are not.
-        inexact = bool(entry.tangent_of) or claims.rounded
+        # A bound that was rounded, or numbers of the vehicle, may be violated although the limit and the box are not.
+        inexact = bool(entry.tangent_of) or claims.vehicle.rounded
         if found.refuted and (not inexact or entry.side * (own.value - bound) > 0):
             return BROKEN, own
         return (PROVED if found.proved and defined else UNDECIDED), own
-
-    def _deviations(self, found: BoxDecision) -> Float[np.ndarray, "1 p"]:
-        """Return the deviations of a counterexample."""
-        return (self.box.lowest + (self.box.highest - self.box.lowest) * np.array(found.at[1:]))[None]
 
     def _claims(self) -> BoxClaims:
         states = [k for k, name in enumerate(self.box.names) if name in STATES]
         speeds = _of_paths(self.family.paths(self.grid()[:, states]), Limits(speed=LARGE))[1]
         source = self.family.source
         fastest = float((np.nanmax(speeds) * source.duration[0] / source.length[0]) ** 2)
-        road, intervals = self.limits.road(float), {}
-        if "mass" in self.box.names:
-            intervals["mass"] = masses_of(road.mass, self.box)
-        if "drag_area" in self.box.names:
-            intervals["drag"] = drags_of(self.limits.vehicle, self.box)
-        return BoxClaims(self.family, road, intervals, fastest)
+        return BoxClaims(self.family, BoxVehicle.of(self.limits, self.box), fastest)
 
 
 def strictest(limits: Limits, box: Box) -> Limits:
@@ -228,32 +222,13 @@ def require_box_limits(limits: Limits, box: Box, what: str) -> None:
         raise ValueError(
             f"the drag area {float(np.asarray(vehicle.drag_area)):g} m² must stay 0 or more: make its interval smaller"
         )
-    if "mass" not in moved:
-        return
-    if "drag_area" in moved or float(np.asarray(vehicle.drag_area)) != 0:
-        raise ValueError(
-            "the mass deviates, but the deceleration by air drag contains its inverse: pass drag_area=0, or prove the "
-            "limits for each mass"
-        )
-    if not masses_of(vehicle.mass, box).low > 0:
-        raise ValueError(
-            f"the mass {float(np.asarray(vehicle.mass)):g} kg must stay positive, and its lowest value at least "
-            "1e-10 of the highest one: make its interval smaller"
-        )
-
-
-def masses_of(mass: Any, box: Box) -> OutwardInterval:
-    """Return an interval with all masses of a box."""
-    low, high = box.intervals["mass"]
-    return OutwardInterval.around(float(np.asarray(mass)) + low, float(np.asarray(mass)) + high)
-
-
-def drags_of(vehicle: Any, box: Box) -> OutwardInterval:
-    """Return an interval with all decelerations by air drag of a box, as the `drag` of `RoadParameters`."""
-    low, high = (float(np.asarray(vehicle.drag_area)) + x for x in box.intervals["drag_area"])
-    per_area = 0.5 * float(np.asarray(vehicle.air_density)) / float(np.asarray(vehicle.mass))
-    # The four rounding errors of each product are together smaller than 5e-16.
-    return OutwardInterval.around(per_area * low * (1 - 1e-15), per_area * high * (1 + 1e-15))
+    if "mass" in moved:
+        low, high = (float(np.asarray(vehicle.mass)) + x for x in box.intervals["mass"])
+        if not low > LEAST_MASS * high:
+            raise ValueError(
+                f"the mass {float(np.asarray(vehicle.mass)):g} kg must stay positive, and its lowest value at least "
+                f"{LEAST_MASS:g} of the highest one: make its interval smaller"
+            )
 
 
 def source_is_vertical(path: SpiralHelix) -> bool:
