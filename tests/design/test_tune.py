@@ -619,9 +619,32 @@ def test_a_slow_path_is_found_where_only_slow_paths_satisfy_the_limits():
     assert "duration reached the default bounds" in found.result
 
 
+FAR = {  # limits 1 % above the peaks of a path that a random search found, at most 0.8 of those of the initial path
+    "sqp": hard.Posed(
+        np.array([19.41603873, 0.0, 0.0]),
+        np.array([1.56749173, 8.06178158, 0.16052632]),
+        np.array([-22.72203286, 16.56401171, 0.63629733]),
+        np.array([-3.61227337, -7.34320308, 0.21203502]),
+        7.4047999752662,
+        np.array([3.7023999876331, 44.4287998515972]),
+        np.array([0.01749032, 1.78222987]),
+    ),
+    "adam": hard.Posed(
+        np.array([27.94686716, 0.0, 0.0]),
+        np.array([1.96046696, -7.50641978, 0.28913971]),
+        np.array([-24.06381396, -10.88263701, -0.84698594]),
+        np.array([-1.40917682, 7.60106133, -0.29901385]),
+        9.837011361248205,
+        np.array([4.9185056806241, 59.02206816748923]),
+        np.array([0.01901061, 2.02388069]),
+    ),
+}
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(("index", "method"), [(57, "sqp"), (31, optax.adam(1e-2))], ids=["sqp", "adam"])
-def test_more_starts_are_not_worse(index, method):
+@pytest.mark.parametrize(("name", "method"), [("sqp", "sqp"), ("adam", optax.adam(1e-2))], ids=["sqp", "adam"])
+def test_more_starts_are_not_worse(name, method):
     """The planned starts alone need searches for the smallest violation, which lead to better paths than others."""
-    few, many = (hard.costs(hard.tuned([hard.far(index)], *way)[0]) for way in (("sqp", 8), (method, 64)))
+    few, many = (hard.costs(hard.tuned([FAR[name]], *way)[0]) for way in (("sqp", 8), (method, 64)))
+    assert np.all(np.isfinite(few))
     assert np.all(many <= few * (1 + RTOL))

@@ -30,9 +30,9 @@ SHIFT, MOST_SHIFT = 1e-6, 1e10
 TRIALS = 14
 """Maximum number of step sizes, each half of the previous one."""
 
-CORRECTED = 6
-"""Number of trials after which a rejected step is corrected for the curvature of the constraints. Corrections from the
-first trial on halve the number of steps on race tracks."""
+CORRECTED = range(2, 6)
+"""Trials after which a rejected step is corrected for the curvature of the constraints. A step that becomes acceptable
+sooner does not need it."""
 
 SUFFICIENT = 1e-4
 
@@ -208,7 +208,7 @@ def _stepped(program: Program, search: Search, linear: Linear, step: Step, rules
         most = initial + SUFFICIENT * part * slope + 1e-13 * abs(initial)
         if np.isfinite(merit) and merit <= most:
             break
-        if excess is None and k < CORRECTED and (solver := solver or linear.solver(search.shift)):
+        if excess is None and k in CORRECTED and (solver := solver or linear.solver(search.shift)):
             own = _corrected(program, search, step, linear, solver, part)
             if longest(at.slacks, own.slacks, keep) == 1.0:
                 z, slacks, excess, merit = _trial(program, search, own, gaps, 1.0, bounded)
