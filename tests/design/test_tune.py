@@ -619,7 +619,7 @@ def test_a_slow_path_is_found_where_only_slow_paths_satisfy_the_limits():
     assert "duration reached the default bounds" in found.result
 
 
-FAR = {  # limits 1 % above the peaks of a path that a random search found, at most 0.8 of those of the initial path
+HIDDEN = {  # limits 1 % above the peaks of a path that a random search found, at most 0.8 of those of the initial path
     "sqp": hard.Posed(
         np.array([19.41603873, 0.0, 0.0]),
         np.array([1.56749173, 8.06178158, 0.16052632]),
@@ -645,6 +645,6 @@ FAR = {  # limits 1 % above the peaks of a path that a random search found, at m
 @pytest.mark.parametrize(("name", "method"), [("sqp", "sqp"), ("adam", optax.adam(1e-2))], ids=["sqp", "adam"])
 def test_more_starts_are_not_worse(name, method):
     """The planned starts alone need searches for the smallest violation, which lead to better paths than others."""
-    few, many = (hard.costs(hard.tuned([FAR[name]], *way)[0]) for way in (("sqp", 8), (method, 64)))
+    few, many = (hard.costs(hard.tuned([HIDDEN[name]], *way)[0]) for way in (("sqp", 8), (method, 64)))
     assert np.all(np.isfinite(few))
     assert np.all(many <= few * (1 + RTOL))
