@@ -61,19 +61,19 @@ try:
     cache = default_folder().parent / "tests"
 except ModuleNotFoundError:  # platformdirs
     cache = Path(tempfile.gettempdir()) / "qtraj-tests"
-compiled = cache / f"jax-{jax.__version__}-{hashlib.sha256(key.encode()).hexdigest()[:12]}"
-enable_compilation_cache(compiled)
+of_this_jax = cache / f"jax-{jax.__version__}-{hashlib.sha256(key.encode()).hexdigest()[:12]}"
+enable_compilation_cache(of_this_jax)
 
 CACHED = {
-    "JAX_COMPILATION_CACHE_DIR": str(compiled),
+    "JAX_COMPILATION_CACHE_DIR": str(of_this_jax),
     "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
     "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
 }
 """Variables of the environment with which a process of a test loads compiled code, too."""
 
 if "PYTEST_XDIST_WORKER" not in os.environ:
-    os.utime(compiled)
-    for folder in compiled.parent.iterdir():
+    os.utime(of_this_jax)
+    for folder in of_this_jax.parent.iterdir():
         if folder.stat().st_mtime < time.time() - UNUSED:
             shutil.rmtree(folder, ignore_errors=True)
 

@@ -8,8 +8,10 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2] / "src" / "qtraj"
+REPOSITORY = Path(__file__).parents[2]
+ROOT = REPOSITORY / "src" / "qtraj"
 FILES = {str(file.relative_to(ROOT)): file for file in sorted(ROOT.rglob("*.py"))}
+OTHERS = [file for folder in ("tests", "benchmarks") for file in sorted((REPOSITORY / folder).rglob("*.py"))]
 
 MAXIMUM_LINES = 300
 UNSAFE_MODULES = {"pickle", "cPickle", "dill", "cloudpickle", "marshal", "shelve"}
@@ -27,10 +29,38 @@ def faults(code):
     for node in ast.walk(tree):
         result += [(getattr(node, "lineno", 1), fault) for fault in _node_faults(node)]
     tokens = tokenize.generate_tokens(io.StringIO(code).readline) if UNFINISHED.search(code) else ()
+    result += _defined_twice(tree)
     for token in tokens:
         if token.type in {tokenize.COMMENT, tokenize.STRING} and UNFINISHED.search(token.string):
             result.append((token.start[0], "unfinished"))
     return [f"{line}: {fault}" for line, fault in sorted(result)]
+
+
+def _defined_twice(tree):
+    """The second definitions of a name at the top level, which change what functions above them use."""
+    seen = set()
+    for node in tree.body:
+        for name in _defined(node):
+            if name in seen and name != "_":
+                yield node.lineno, f"defines {name} again"
+            seen.add(name)
+
+
+def _defined(node):
+    match node:
+        case ast.FunctionDef(decorator_list=[*_, ast.Name(id="overload")]):
+            return []
+        case ast.FunctionDef(name=name) | ast.ClassDef(name=name):
+            return [name]
+        case ast.Assign(targets=targets):
+            return [x.id for x in ast.walk(ast.Tuple(targets)) if isinstance(x, ast.Name) and _is_stored(x)]
+        case ast.AnnAssign(target=ast.Name(id=name)):
+            return [name]
+    return []
+
+
+def _is_stored(name):
+    return isinstance(name.ctx, ast.Store)
 
 
 def _node_faults(node):
@@ -56,6 +86,12 @@ def test_modules_follow_the_rules(name):
     assert faults(FILES[name].read_text(encoding="utf-8")) == []
 
 
+def test_tests_and_benchmarks_define_each_name_once():
+    faults = {str(file): [*_defined_twice(ast.parse(file.read_text(encoding="utf-8")))] for file in OTHERS}
+    assert {file: found for file, found in faults.items() if found} == {}
+    assert len(faults) > 200
+
+
 def test_the_sources_are_found():
     assert "foundation/types.py" in {name.replace("\\", "/") for name in FILES}
 
@@ -75,7 +111,9 @@ def test_the_sources_are_found():
         ("np.load(f, allow_pickle=True)", "allow_pickle"),
         ("x = 1  # TODO: later", "unfinished"),
         ("def f():\n    '''FIXME'''", "unfinished"),
-        ("x = 1\n" * MAXIMUM_LINES, f"more than {MAXIMUM_LINES} lines"),
+        ("x = 1\ny, x = 2, 3", "defines x again"),
+        ("x: int = 1\ndef x():\n    pass", "defines x again"),
+        ("_ = 1\n" * MAXIMUM_LINES, f"more than {MAXIMUM_LINES} lines"),
     ],
 )
 def test_the_check_detects_a_fault(body, fault):
@@ -86,3 +124,4 @@ def test_the_check_detects_a_fault(body, fault):
 def test_the_check_detects_a_missing_docstring_and_accepts_good_code():
     assert faults("x = 1\n") == ["1: no docstring"]
     assert faults('"""A module."""\n\n\ndef evaluate(x):\n    return model.eval(x)\n') == []
+    assert faults('"""A module."""\n@overload\ndef f(x): ...\ndef f(y):\n    z = y\n    z = y.x = y[0] = z\n') == []
