@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from qtraj.algebra.vector import norm
 from qtraj.foundation.arrays import as_array
@@ -22,7 +22,9 @@ CONVERGED, UNCERTAINTY = 1e-11, 1e-9
 """Change of the length below which the panels are small enough, and the bound on the error of a distance; both relative
 to the length of the path."""
 
-BISECTIONS = 60
+STEPS, ROUNDINGS = 100, 4 * np.finfo(float).eps
+"""Largest number of steps of the search for a distance, of which most take five, and the accuracy of its result relative
+to the end of a panel."""
 
 
 class Distances(NamedTuple):
@@ -50,13 +52,30 @@ class Distances(NamedTuple):
     def parameters(self, s: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
         """Return the smallest parameters at which the distance is `s` [m]; the ends of the path for others."""
         k = np.clip(np.searchsorted(self.at_ends, s) - 1, 0, self.ends.size - 2)
-        low, high, rest = self.ends[k], self.ends[k + 1], s - self.at_ends[k]
-        start = low
-        for _ in range(BISECTIONS):
-            middle = 0.5 * (low + high)
-            before = _lengths(self.path, start, middle) < rest
-            low, high = np.where(before, middle, low), np.where(before, high, middle)
-        return np.where(s <= 0, self.ends[0], np.where(s >= self.length, self.ends[-1], high))
+        found = np.where(s >= self.at_ends[k + 1], self.ends[k + 1], self.ends[k])
+        inside = np.flatnonzero((s > self.at_ends[k]) & (s < self.at_ends[k + 1]))
+        found[inside] = self._inside(k[inside], (s - self.at_ends[k])[inside])
+        return found
+
+    def _inside(self, k: Int[np.ndarray, " m"], rest: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
+        """Return the parameters in the panels `k` at the distances `rest` from their starts.
+
+        A step of Newton's method is replaced by a bisection if it leaves the bounds, or halves too little.
+        """
+        start, low, high = self.ends[k], self.ends[k], self.ends[k + 1]
+        u = low + (high - low) * rest / (self.at_ends[k + 1] - self.at_ends[k])
+        last, open_ = high - low, np.full(k.size, True)
+        for _ in range(STEPS):
+            if not open_.any():
+                break
+            excess, pace = _lengths(self.path, start, u) - rest, paces(self.path, u)
+            low, high = np.where(excess < 0, u, low), np.where(excess < 0, high, u)
+            step = -excess / np.where(pace > 0, pace, np.nan)
+            newton = (low <= u + step) & (u + step <= high) & (2 * abs(step) <= last)
+            step = np.where(newton, step, 0.5 * (low + high) - u)
+            last, u = np.where(open_, abs(step), last), np.where(open_, u + step, u)
+            open_ &= last > ROUNDINGS * self.ends[k + 1]
+        return u
 
 
 def distances(path: AbstractHodograph) -> Distances:
