@@ -80,7 +80,7 @@ def test_the_sum_of_many_samples_is_accurate():
     paths = {"a": jnp.ones(1), "b": jnp.ones(1)}
     exact = np.array([[2.0], [np.pi / 2]])
     # The error of the trapezoidal rule is (π/n)²/6 = 1.6e-12 for the sine, and 0 for its square, which is periodic.
-    np.testing.assert_allclose(jax.jit(lambda: integrate(paths, times, 16384))(), exact, rtol=5e-12)
+    np.testing.assert_allclose(jax.jit(lambda *x: integrate(*x, 16384))(paths, times), exact, rtol=5e-12)
 
 
 @pytest.mark.parametrize("number", [3, 300])

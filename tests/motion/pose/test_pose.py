@@ -126,14 +126,15 @@ def test_disturbed_motion_against_an_independent_loop():
 
 
 def test_signs_storage_and_invalid_arguments(tmp_path):
-    both, state = program(), (POSITION, VELOCITY, QUATERNION, RATE, [0.0, 0.5])
+    times = np.linspace(0.0, 0.5, TIMES.size)  # as many as above, whose compiled code is used again
+    both, state = program(), (POSITION, VELOCITY, QUATERNION, RATE, times)
     near = qt.simulate_pose(both, LAW, *state)
-    far = qt.simulate_pose(both, LAW, POSITION, VELOCITY, -QUATERNION, RATE, [0.0, 0.5])
+    far = qt.simulate_pose(both, LAW, POSITION, VELOCITY, -QUATERNION, RATE, times)
     np.testing.assert_array_equal(near.quaternion, far.quaternion)
     closed = {
-        sign: qt.closed_pose(both, LAW, POSITION, VELOCITY, -QUATERNION, RATE, [0.0, 0.5], sign=sign) for sign in SIGNS
+        sign: qt.closed_pose(both, LAW, POSITION, VELOCITY, -QUATERNION, RATE, times, sign=sign) for sign in SIGNS
     }
-    given = qt.simulate_pose(both, LAW, POSITION, VELOCITY, -QUATERNION, RATE, [0.0, 0.5], sign="as given")
+    given = qt.simulate_pose(both, LAW, POSITION, VELOCITY, -QUATERNION, RATE, times, sign="as given")
     for motion, sign in ((near, "nearer"), (given, "as given")):
         pose = jax.vmap(dual.from_pose)(motion.position, motion.quaternion)
         np.testing.assert_allclose(pose, closed[sign], atol=10 * CLOSED)

@@ -58,7 +58,10 @@ def run(law, span=40.0, n=11, **options):
 
 
 def test_a_law_of_three_components_has_no_virtual_part():
-    own, expected = run(Proportional(2.0, 1.0)), run(qt.QuaternionFeedback(2.0, 1.0))
+    own, expected = (
+        run(law, disturbance=qt.DisturbanceAcceleration(TORQUE))
+        for law in (Proportional(2.0, 1.0), qt.QuaternionFeedback(2.0, 1.0))
+    )
     np.testing.assert_allclose(own.command, expected.command, atol=1e-10)
     np.testing.assert_allclose(own.angle, expected.angle, atol=1e-10)
     rates = run(RateCommand())

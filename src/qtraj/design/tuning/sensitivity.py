@@ -9,6 +9,7 @@ where f is the cost, and g are the active constraints. These conditions are smoo
 θ give the derivatives of (z, λ, u). The searches themselves are never differentiated.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import equinox as eqx
@@ -131,15 +132,15 @@ def _or_zeros(x: Array | None, change: Array | None) -> Array | None:
 
 def _kinds(task: Task, result: SearchResult, at: Solution) -> _Kinds:
     active = at.multipliers > ACTIVE
-    bend = jax.vmap(jax.grad(jax.grad(lambda u, k: _one(task, result, at.z, u, k))))(at.times, jnp.arange(active.size))
+    bend = _rate(lambda times: _rate(lambda times: _at(task, result, at.z, times), times), at.times)
     low = at.z <= task.low + AT_BOUND
     high = (at.z >= task.high - AT_BOUND) & ~low
     return _Kinds(active, active & (at.times > 0) & (at.times < 1) & (bend < 0), low, high)
 
 
-def _one(task: Task, result: SearchResult, z: Array, u: Array, k: Array) -> Array:
-    """Return the constraint value of the active peak `k` at the instant `u`."""
-    return _at(task, result, z, jnp.full_like(result.time, u))[k]
+def _rate(values: Callable[[Array], Array], times: Float[Array, " k"]) -> Float[Array, " k"]:
+    """Return the derivative of each value with respect to its own time."""
+    return jax.jvp(values, (times,), (jnp.ones_like(times),))[1]
 
 
 def _at(task: Task, result: SearchResult, z: Array, times: Float[Array, " k"]) -> Float[Array, " k"]:
