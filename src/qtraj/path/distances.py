@@ -23,8 +23,8 @@ CONVERGED, UNCERTAINTY = 1e-11, 1e-9
 to the length of the path."""
 
 STEPS, ROUNDINGS = 100, 4 * np.finfo(float).eps
-"""Largest number of steps of the search for a distance, which mostly takes five, and the accuracy of its result relative
-to the end of a panel."""
+"""Largest number of steps of the search for a distance, which mostly takes five, and the accuracy of its result,
+relative to the end of a panel."""
 
 
 class Distances(NamedTuple):

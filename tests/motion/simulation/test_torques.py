@@ -108,21 +108,24 @@ def test_formulas_of_the_torques():
     np.testing.assert_allclose(orbit.velocity(t)[2], np.sqrt(3.986004418e14 / 7e6), rtol=1e-12)
 
 
-def test_derivatives_with_respect_to_the_parameters_of_an_own_torque():
+def test_derivatives_in_the_parameters_of_an_own_torque_and_in_the_assumed_inertia():
     program, law = qt.EulerTurn(IDENTITY, [1.0, 0.2, 0, 0.1], qt.Quintic(duration=2.0)), qt.AccelerationLaw(2.0, 1.0)
 
-    def end(stiffness):
+    def end(stiffness, scale):
         def spring(t, quaternion, rate):
             return -stiffness * qt.quaternion.rotate(qt.quaternion.conjugate(quaternion), jnp.array([0.0, 1.0, 0.0]))
 
-        body = qt.RigidBody([1.0, 2.0, 3.0], torque=spring)
+        body = qt.RigidBody([1.0, 2.0, 3.0], scale * jnp.array([1.2, 1.7, 2.9]), torque=spring)
         motion = qt.simulate(program, law, IDENTITY, np.zeros(4), jnp.array([0.0, 1.0]), body=body, rtol=1e-8)
         return motion.quaternion[-1, 1]
 
-    step, compiled = 1e-4, jax.jit(jax.value_and_grad(end))
-    for at in (0.1, 0.3):
-        (before, _), (_, slope), (after, _) = (compiled(at + change) for change in (-step, 0.0, step))
-        np.testing.assert_allclose(slope, (after - before) / (2 * step), atol=1e-8)
+    step, compiled = 1e-4, jax.jit(jax.value_and_grad(end, (0, 1)))
+    for at in (np.array([0.1, 1.0]), np.array([0.3, 0.9])):
+        slopes = compiled(*at)[1]
+        for slope, change in zip(slopes, step * np.eye(2), strict=True):
+            difference = (compiled(*(at + change))[0] - compiled(*(at - change))[0]) / (2 * step)
+            assert abs(difference) > 1e-3
+            np.testing.assert_allclose(slope, difference, atol=1e-8)
 
 
 def test_invalid_torques_are_refused():
