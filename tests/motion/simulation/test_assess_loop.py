@@ -14,6 +14,7 @@ from qtraj.motion.simulation.loop_facts import (
     motion_headers,
     stability_text,
 )
+from qtraj.motion.simulation.loop_history import judging_times
 
 PROGRAM = qt.EulerTurn([1.0, 0.0, 0.0, 0.0], [0.8, 0.6, 0.0, 0.0], qt.TimeOptimal(0.2, 0.1))
 LAW = qt.AccelerationLaw(2.0, 1.0)
@@ -34,6 +35,19 @@ def test_the_instants_are_dense_and_contain_those_of_the_user(assessed):
     switch = float(PROGRAM.switches[1])
     assert np.abs(history.times - switch).min() == 0.0  # a jump of the acceleration is an instant
     assert history.at(TIMES).times.tolist() == TIMES.tolist()
+
+
+@pytest.mark.parametrize("jumps", [None, [3.0], [1.1, 5.7, 6.03]])
+def test_the_number_of_instants_is_that_of_other_jumps(jumps):
+    """One compiled simulation serves all of them; both sides of each jump are among the instants."""
+    jumps = None if jumps is None else np.array(jumps)
+    times = judging_times(TIMES, jumps)
+    assert times.size == 1216
+    assert np.diff(times).min() > 0
+    assert (times[[0, -1]] == TIMES[[0, -1]]).all()
+    if jumps is not None:
+        before = times[np.searchsorted(times, jumps) - 1]
+        np.testing.assert_allclose(jumps - before, 1e-9 * TIMES[-1], rtol=1e-6)
 
 
 def test_the_motion_is_that_of_simulate(assessed):

@@ -19,6 +19,8 @@ from qtraj.motion.simulation.solution import Solution
 
 INTERVALS = 1200
 """Number of equal time intervals in `judging_times`."""
+MULTIPLE = 64
+"""The number of `judging_times` is a multiple of this number."""
 BEFORE_JUMP = 1e-9
 """Time between a jump and the preceding instant in `judging_times`, as a fraction of the duration."""
 
@@ -136,10 +138,14 @@ def judging_times(times: np.ndarray, jumps: np.ndarray | None = None, renewals: 
     """Return instants [s] that are dense enough for `judge_loop`.
 
     The instants are `times` (from 0 to the duration), the ends of 1200 equal intervals, the instants `renewals` of new
-    commands, and both sides of each of the `jumps` of the program.
+    commands, and both sides of each of the `jumps` of the program. Middles of the largest intervals between them make
+    their number a multiple of 64, so that few compiled simulations serve all numbers of jumps and renewals.
     """
     duration, empty = float(times[-1]), np.zeros(0)
     jumps, renewals = (empty if x is None else x for x in (jumps, renewals))
     grid, before_jumps = np.linspace(0.0, duration, INTERVALS + 1), jumps - BEFORE_JUMP * duration
     others = np.concatenate([grid, jumps, before_jumps, renewals])
-    return np.unique(np.concatenate([times, others[(others >= 0) & (others <= duration)]]))
+    found = np.unique(np.concatenate([times, others[(others >= 0) & (others <= duration)]]))
+    steps = np.diff(found)
+    largest = np.argsort(-steps, kind="stable")[: -found.size % MULTIPLE]
+    return np.sort(np.concatenate([found, found[largest] + 0.5 * steps[largest]]))
