@@ -201,7 +201,8 @@ class Within(NamedTuple):
         powers = xp.einsum("pkn,k...n->p...n", self.powers, local(coefficients))
         at = np.moveaxis(_powers(z), 1, -1)[:orders]
         found = xp.moveaxis(xp.tensordot(at, powers, axes=1), 1, -2)
-        return xp.stack([x / self.lengths**k if k else x for k, x in enumerate(found)])
+        scales = xp.stack([self.lengths ** (-1.0 * k) for k in range(orders)])
+        return xp.einsum("o...pn,on->o...pn", found, scales)
 
 
 def gathered(n: Nodes, parts: Float[Any, "orders *batch 2 cells+1"]) -> Float[Any, "*batch cells+3"]:
