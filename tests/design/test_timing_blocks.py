@@ -40,7 +40,7 @@ def test_constraints_in_blocks(stops, monkeypatch):
     """A node at rest counts relative to all blocks."""
     count = constraints.BLOCK_SIZE + 1000
     r = np.random.default_rng(0).normal(size=(3, 3, count))
-    r[..., : count // 2] *= 1e-6  # slow, but not at rest
+    r[..., : constraints.BLOCK_SIZE] *= 1e-9  # at rest relative to the others
     if stops:
         r[0, :, [0, -1]] = 0.0
     before_stop = np.arange(count) > 5
@@ -69,12 +69,8 @@ def test_limits_between_nodes_in_blocks(monkeypatch):
     cells, rng = 3 * rounds.COLUMNS // 2, np.random.default_rng(2)
     within = Within(power_form(np.arange(cells + 1.0)), np.ones(cells))
     r = rng.normal(size=(3, 3, rounds.CHECKED * cells))
-    between = Parts(
-        *(
-            None if x is None else x.reshape(*x.shape[:-1], rounds.CHECKED, cells)
-            for x in constraints.parts(r, np.ones(()), LIMITS)
-        )
-    )
+    found = constraints.parts(r, np.ones(()), LIMITS)
+    between = Parts(*(None if x is None else x.reshape(*x.shape[:-1], rounds.CHECKED, cells) for x in found))
     coefficients = rng.uniform(0.5, 1.5, cells + 3)
     found = rounds.between_nodes(between, within, coefficients)
     monkeypatch.setattr(rounds, "COLUMNS", cells)
