@@ -220,7 +220,7 @@ def _at_nodes(
         entries = xp.stack([*level, second * i.C, 3 * half * second * i.B, second**2 * i.S])
         jerk = symmetric(entries / bounds["jerk"] ** 2)[None]
     more: dict[str, Any] = {"bends": stacked(curves, i.v)}
-    lateral = None
+    lateral: list[Any] = []
     if by_speed:
         across = _across(i, moving)
         lateral = [largest_squares(x, across, i.v) for name, x in by_speed.items() if name in UPPER]
