@@ -65,6 +65,15 @@ def as_array(x: ArrayInput, dtype: Any) -> Array:
     return jax.device_put(np.array(x, jax.dtypes.canonicalize_dtype(dtype)))
 
 
+def as_code(x: ArrayInput, *numbers: Any) -> Array:
+    """Convert integers, such as result codes, to 32 bits: to a NumPy array if the `numbers` of the result are of NumPy.
+
+    So a result on the host does not start a device of JAX, which takes a tenth of a second.
+    """
+    host: Any = np.array(x, np.int32) if is_host(x, *numbers) else as_array(x, np.int32)
+    return host
+
+
 def like(values: np.ndarray, x: Any) -> Any:
     """Return the values as an array of the same kind (NumPy or JAX) and dtype as `x`."""
     return values if is_host(x) else as_array(values, x.dtype)

@@ -23,6 +23,10 @@ MIN_ROWS = 8
 """Smallest padded number of segments; larger padded numbers are powers of two."""
 
 
+BLOCK_SIZE = 4096
+"""Number of instants that `derivatives` computes together."""
+
+
 def arithmetic(*arrays: Any) -> Any:
     """Return the module `numpy` if all arrays are concrete, otherwise `jax.numpy`."""
     return jnp if is_traced(arrays) else np
@@ -116,6 +120,31 @@ def values(c: Any, s: Any, order: int) -> list[Any]:
             terms[i] = product
     results = [terms[k] if k < 2 else math.factorial(k) * terms[k] for k in range(min(order + 1, len(terms)))]
     return [*results, *[0.0 * terms[0]] * (order + 1 - len(results))]
+
+
+def derivatives(c: np.ndarray, i: np.ndarray, s: np.ndarray, order: int) -> Float[np.ndarray, "{order} 3 ..."]:
+    """Return the derivatives 1 to `order` of the segments `i` of `c` (n, terms, 3) at local times `s`, in NumPy.
+
+    The shape of `s` is (m, ...), and `i` broadcasts to it. Instants are computed in blocks, whose data fit into the
+    cache of the processor, and without the terms that are zero in all segments: this is several times as fast as
+    `values` for many instants.
+    """
+    terms = 1 + int(np.flatnonzero(c.any(axis=(0, 2))).max(initial=0))
+    rates = np.ascontiguousarray(np.moveaxis(c[:, 1:terms] * np.arange(1.0, terms)[:, None], 0, -1))
+    found = np.zeros((order, 3, *s.shape))
+    rows = max(1, BLOCK_SIZE // max(1, math.prod(s.shape[1:])))
+    for first in range(0, len(s), rows):
+        block = slice(first, first + rows)
+        at, own = s[block], np.take(rates, i[block], axis=-1)
+        for axis in range(3):
+            powers = list(own[:, axis])
+            for k in range(min(order, terms - 1)):
+                for j in range(terms - 3, k - 1, -1):
+                    product = at * powers[j + 1]
+                    product += powers[j]
+                    powers[j] = product
+                np.multiply(powers[k], math.factorial(k), out=found[k, axis, block])
+    return found
 
 
 def time_reversed(c: Any, h: Any) -> Any:

@@ -74,6 +74,12 @@ class Segments(NamedTuple):
             return pieces.values(terms, s, order)
         return progress.values(terms, self.progress[i], s, order)
 
+    def derivatives(self, i: np.ndarray, s: np.ndarray, order: int) -> Float[np.ndarray, "{order} 3 ..."]:
+        """Return the derivatives 1 to `order` of the segments `i` at local times `s` (m, ...) [s]."""
+        if self.progress is None:
+            return pieces.derivatives(self.coefficients, i, s, order)
+        return np.moveaxis(np.stack(self.values(i, s, order)[1:]), -1, 1)
+
     def rows(self, t: np.ndarray, order: int, side: str = "right") -> list[np.ndarray]:
         """Return position and derivatives up to `order`, each (m, 3), at times `t` (m,) [s].
 

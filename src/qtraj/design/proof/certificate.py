@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from qtraj.design.proof.where_undefined import where_undefined
-from qtraj.foundation.arrays import as_array, as_float, concrete, require_element
+from qtraj.foundation.arrays import as_code, as_float, concrete, require_element
 from qtraj.foundation.codes import where_code
 from qtraj.foundation.document import storable
 from qtraj.foundation.namespace import xp
@@ -133,8 +133,9 @@ class Certificate(AbstractOutcome):
     def __init__(
         self, names: "Sequence[str]", codes: ArrayInput, times: ArrayInput, values: ArrayInput, limits: ArrayInput
     ):
-        self.names, self.codes = tuple(names), as_array(codes, jnp.int32)
+        self.names = tuple(names)
         self.times, self.values, self.limits = as_float(times), as_float(values), as_float(limits)
+        self.codes = as_code(codes, self.times, self.values, self.limits)
 
     @property
     def status(self) -> dict[str, Any]:
@@ -211,7 +212,7 @@ class Certificate(AbstractOutcome):
         code = xp.full(findings.shape[:-1], int(ResultCode.successful), np.int32)
         for finding, result in reversed(_RESULT_OF_FINDING):
             code = xp.where(xp.any(findings == finding, axis=-1), np.int32(result), code)
-        return as_array(code, jnp.int32)
+        return as_code(code, self.codes)
 
     def explain(self, at: tuple[int, ...]) -> str:
         """Describe the result of one path."""

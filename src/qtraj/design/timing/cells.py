@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from qtraj.design.timing.grid import Grid
-from qtraj.design.timing.relaxed import PLACES, Samples, Task, relaxed
+from qtraj.design.timing.relaxed import PLACES, Samples, Task, relaxed, squared_norm
 from qtraj.design.varying import Varying, at_places, in_cells, varies
 from qtraj.path.road_on_path import RoadOnPath
 
@@ -116,7 +116,7 @@ def resolved(shape: Shape) -> Cells:
     for _ in range(HALVINGS):
         own = Cells(*(x[candidates] for x in cells))
         r1 = shape.derivatives(*own.places(FINE))[0]
-        speed = np.sqrt(np.sum(r1 * r1, axis=0))
+        speed = np.sqrt(squared_norm(r1))
         length = speed.mean(axis=1) * shape.lengths(own)
         total = total or length.sum()
         bodies = r1.reshape(-1, 3, *r1.shape[1:])
@@ -169,7 +169,7 @@ class Profile(NamedTuple):
 def relaxed_profile(shape: Shape, task: Task, cells: Cells) -> Profile:
     """Return the profile of the relaxed timing."""
     r = shape.derivatives(*cells.places(FINE))
-    speed = np.sqrt(np.sum(r[0] ** 2, axis=0))
+    speed = np.sqrt(squared_norm(r[0]))
     simpson = (speed[:, :-2:2] + 4 * speed[:, 1::2] + speed[:, 2::2]) / 6
     distances = simpson * (shape.lengths(cells) / (PLACES - 1))[:, None]
     if varies(task.bounds):

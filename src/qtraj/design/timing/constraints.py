@@ -19,6 +19,7 @@ import functools
 from collections.abc import Collection
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 from jaxtyping import Float
 
@@ -51,6 +52,9 @@ Friction, power and the load have no such exponent, because gravity does not dep
 none.
 """
 POWERS[COMBINED] = 1.0
+
+BLOCK_SIZE = 4096
+"""Number of nodes whose constraints are computed together: their data fit into the cache of the processor."""
 
 STANDING = 1e-8
 """|r'| below this fraction of its maximum is treated as zero, and so is |r''| there."""
@@ -140,43 +144,72 @@ def parts(
     u/`unit`. Limits on friction and power are included only with a `vehicle`. Where r' = 0, the motion ends if
     `before_stop` (nodes) is true, and starts otherwise.
     """
+    xp = namespace(r, unit, *jax.tree.leaves((bounds, vehicle)))
+    square, size = (dot(x, x) for x in (tuple(r[0]), tuple(r[1])))
+    still = tuple(STANDING**2 * xp.max(x) for x in (square, size))
+    constant = vehicle is None and not any(isinstance(x, OfSpeed) or np.ndim(x) for x in bounds.values())
+    if xp is not np or not constant or square.ndim > 1 or square.size <= BLOCK_SIZE:
+        return _at_nodes(r, unit, bounds, vehicle, before_stop, still)
+    found = []
+    for start in range(0, square.size, BLOCK_SIZE):
+        own = slice(start, start + BLOCK_SIZE)
+        stops = before_stop[own] if np.ndim(before_stop) else before_stop
+        found.append(_at_nodes(r[..., own], unit, bounds, None, stops, still))
+    return jax.tree.map(lambda *x: np.concatenate(x, axis=-1), *found)
+
+
+def _at_nodes(
+    r: Float[Any, "3 3 *nodes"],
+    unit: Scalar,
+    bounds: dict[str, Any],
+    vehicle: RoadParameters | None,
+    before_stop: Any,
+    still: tuple[Any, ...],
+) -> Parts:
+    """Compute the constraints at some of the nodes; up to `still`, the values of |r'|² and |r''|² count as zero."""
     given = bounds
     by_speed: dict[str, Any] = {name: x for name, x in bounds.items() if isinstance(x, OfSpeed)}
     bounds = {name: x for name, x in bounds.items() if name not in by_speed}
     xp = namespace(r, unit, *bounds.values(), *(() if vehicle is None else vehicle.numbers))
     r1, r2, r3 = (tuple(x) for x in r)
-    square = dot(r1, r1)
-    moving = square > STANDING**2 * xp.max(square)
-    # Where r' = 0, use the direction of r'', in which the motion starts, or against which it ends.
-    ahead = tuple(xp.where(moving, p, xp.where(before_stop, -q, q)) for p, q in zip(r1, r2, strict=True))
     i = Invariants([None, r1, r2, r3])
-    inv_speed, inv_level, inv_ahead = (
-        _inverse_root(x) for x in (xp.where(moving, i.S, 0.0), xp.where(moving, i.H, 0.0), dot(ahead, ahead))
-    )
-    rate, growth = yaw(i, inv_speed, inv_level)
-    half = 0.5 / unit
+    moving, half = still[0] < i.S, 0.5 / unit
+    inv_speed = _inverse_root(xp.where(moving, i.S, 0.0))
+    ahead, inv_ahead, has_direction = r1, inv_speed, moving
+    if xp is not np or not moving.all():
+        # Where r' = 0, use the direction of r'', in which the motion starts, or against which it ends.
+        ahead = tuple(xp.where(moving, p, xp.where(before_stop, -q, q)) for p, q in zip(r1, r2, strict=True))
+        inv_ahead, has_direction = _inverse_root(dot(ahead, ahead)), dot(ahead, ahead) > 0
     along = dot(ahead, r2) * inv_ahead, half * i.v
-    turning, climbing = (growth, half * rate), (i.W, half * i.V)
-    squares = *(_square(*x) for x in (along, turning, climbing)), (i.A, half * i.B, half * half * i.S)
-    forms = dict(zip(FORMS, squares, strict=True))
-    own = [xp.stack(forms[name]) / bounds[name] ** 2 for name in FORMS if name in bounds]
-    scaled = _stacked([symmetric(x) for x in own], (2, 2), square)
     load, on_road = (0.0 * i.S, 0.0 * i.S), None
     if vehicle is not None:
         direction = xp.stack(ahead) * inv_ahead[None]
         on_road = road.coefficients(direction, r2, i.v, half, vehicle, bounds)
         load = road.normal_load(direction, r2, vehicle) if set(LOADS) & set(bounds) else load
-    rates = (i.S, 0.0 * i.S), *2 * [along], *2 * [turning], *2 * [climbing], *3 * [(load[1], 0.0 * i.S)]
+
+    @functools.cache
+    def turning() -> tuple[Any, Any]:
+        rate, growth = yaw(i, inv_speed, _inverse_root(xp.where(moving, i.H, 0.0)))
+        return growth, half * rate
+
+    def climbing() -> tuple[Any, Any]:
+        return i.W, half * i.V
+
+    squares = *(lambda x=x: _square(*x()) for x in (lambda: along, turning, climbing)), lambda: _squared_norm(i, half)
+    forms = dict(zip(FORMS, squares, strict=True))
+    own = [xp.stack(forms[name]()) / bounds[name] ** 2 for name in FORMS if name in bounds]
+    scaled = _stacked([symmetric(x) for x in own], (2, 2), i.S)
+    loaded = lambda: (load[1], 0.0 * i.S)  # noqa: E731
+    rates = lambda: (i.S, 0.0 * i.S), *2 * [lambda: along], *2 * [turning], *2 * [climbing], *3 * [loaded]
     # Where r' = 0, the acceleration of the yaw is unknown, and that along the path and the load without r'', too.
-    has_direction = dot(ahead, ahead) > 0
-    known: list[Any] = [moving, *2 * [has_direction], *2 * [moving], *2 * [square >= 0], *3 * [has_direction]]
+    known: list[Any] = [moving, *2 * [has_direction], *2 * [moving], *2 * [i.S >= 0], *3 * [has_direction]]
     rows, curves = [], []
-    for name, own, there in zip(SIDED, rates, known, strict=True):
+    for name, value, there in zip(SIDED, rates, known, strict=True):
         if name in by_speed:
-            affine, curve = side_by_speed(by_speed[name], quantity(name).side, own, i.v)
+            affine, curve = side_by_speed(by_speed[name], quantity(name).side, value(), i.v)
             curves.append(curve.scaled(there))
         elif name in bounds:
-            affine = row(name, own, bounds, load[0] if name in LOADS else 0.0)
+            affine = row(name, value(), bounds, load[0] if name in LOADS else 0.0)
             curves.append(None)
         else:
             continue
@@ -186,17 +219,18 @@ def parts(
         level = i.J, 3 * half * dot(r2, r3), 9 * half * half * i.A
         entries = xp.stack([*level, second * i.C, 3 * half * second * i.B, second**2 * i.S])
         jerk = symmetric(entries / bounds["jerk"] ** 2)[None]
-    across = _across(i, moving)
-    lateral = [largest_squares(x, across, i.v) for name, x in by_speed.items() if name in UPPER]
+    more: dict[str, Any] = {"bends": stacked(curves, i.v)}
+    lateral: list[Any] = []
+    if by_speed:
+        across = _across(i, moving)
+        lateral = [largest_squares(x, across, i.v) for name, x in by_speed.items() if name in UPPER]
+        more["combined"] = combined_of(by_speed[COMBINED], along, across, i.v) if COMBINED in by_speed else None
     upper = [_upper(name, i, bounds, moving) if name in bounds else lateral[0] for name in UPPER if name in given]
-    combined = combined_of(by_speed[COMBINED], along, across, i.v) if COMBINED in by_speed else None
-    more = {"bends": stacked(curves, i.v), "combined": combined}
-    found = Parts(_stacked(upper, (), square), scaled, _stacked(rows, (3,), square), jerk, **more)
+    found = Parts(_stacked(upper, (), i.S), scaled, _stacked(rows, (3,), i.S), jerk, **more)
     if on_road is None:
         return found
     # Where r' and r'' vanish, the direction of motion is unknown, so omit friction and power there.
-    size = dot(r2, r2)
-    return found._replace(road=road.without(on_road, ~moving & (size <= STANDING**2 * xp.max(size))))
+    return found._replace(road=road.without(on_road, ~moving & (dot(r2, r2) <= still[1])))
 
 
 def _stacked(rows: list[Any], shape: tuple[int, ...], like: Float[Any, "*nodes"]) -> Any:
@@ -235,7 +269,12 @@ def symmetric(entries: Float[Any, "entries *nodes"]) -> Float[Any, "n n *nodes"]
 
 def _inverse_root(x: Any) -> Any:
     xp = namespace(x)
-    return xp.where(x > 0, xp.where(x > 0, x, 1.0) ** -0.5, 0.0)
+    return xp.where(x > 0, 1 / xp.sqrt(xp.where(x > 0, x, 1.0)), 0.0)
+
+
+def _squared_norm(i: Invariants, half: Any) -> tuple[Any, Any, Any]:
+    """Return the entries of the quadratic form of the squared acceleration."""
+    return i.A, half * i.B, half * half * i.S
 
 
 def _square(p: Any, q: Any) -> tuple[Any, Any, Any]:

@@ -139,7 +139,10 @@ def path_derivatives(path: AbstractHodograph, u: Float[Any, " m"]) -> Float[Any,
 
 def _of_route(xp: Any, route: Route, i: Int[Any, " m"], local: Float[Any, " m"]) -> Float[Any, "{ORDER} 3 m"]:
     """Return the derivatives of a route in the segments `i`, at times `local` since their starts."""
-    c, own = pieces.chosen(xp.asarray(route.coefficients), i), route.progress
+    own = route.progress
+    if xp is np and own is None:
+        return pieces.derivatives(np.asarray(route.coefficients), i, local, ORDER)
+    c = pieces.chosen(xp.asarray(route.coefficients), i)
     rows = pieces.values(c, local, ORDER) if own is None else progress.values(c, xp.asarray(own)[i], local, ORDER)
     return xp.moveaxis(xp.stack(rows[1:]), 1, 2)
 

@@ -6,7 +6,6 @@ import os
 from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -18,7 +17,7 @@ from qtraj.design.timing.steepness import friction_at_rest
 from qtraj.design.timing.timing import RetimedPath, Timing
 from qtraj.foundation import document
 from qtraj.foundation.argument import require_type
-from qtraj.foundation.arrays import as_array, as_float
+from qtraj.foundation.arrays import as_code, as_float
 from qtraj.foundation.codes import where_code
 from qtraj.foundation.document import storable
 from qtraj.foundation.drawing import draw
@@ -113,7 +112,7 @@ class Retimed(AbstractOutcome):
         self.braking_time, self.braking_distance = as_float(braking_time), as_float(braking_distance)
         self.combined, self.wanted = combined, as_float(wanted)
         self.bounds = None if bounds is None else as_float(bounds)
-        self.code, self.iterations = as_array(code, jnp.int32), as_array(iterations, jnp.int32)
+        self.code, self.iterations = (as_code(x, self.duration) for x in (code, iterations))
 
     @property
     def timing(self) -> Timing:

@@ -181,8 +181,7 @@ def shape_of(path: AbstractHodograph, part: Part, others: Sequence[AbstractHodog
         segments = known_segments(path).part(slice(part.first, part.last))
 
         def of_route(i: np.ndarray, place: np.ndarray) -> np.ndarray:
-            rows = segments.values(i, 0.5 * segments.durations[i] * (1 + place), 3)[1:]
-            return np.moveaxis(np.stack(rows), -1, 1)
+            return segments.derivatives(i, 0.5 * segments.durations[i] * (1 + place), 3)
 
         return Shape(of_route, segments.durations, segments.starts)
     duration = float(np.asarray(path.duration))

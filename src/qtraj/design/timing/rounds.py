@@ -13,8 +13,8 @@ from qtraj.design.timing.constraint_values import squares, tightened, used
 from qtraj.design.timing.constraints import Parts
 from qtraj.design.timing.initial import initial
 from qtraj.design.timing.program import Program
-from qtraj.design.timing.spline import ORDERS, within_cells
-from qtraj.design.timing.tables import Tables
+from qtraj.design.timing.spline import ORDERS, Within
+from qtraj.design.timing.tables import CHECKED, Tables
 from qtraj.foundation.namespace import namespace
 
 GAPS = (1e-5, 1e-8)
@@ -56,6 +56,9 @@ class Rough(NamedTuple):
 
 
 NOT_ROUGH = Rough()
+
+COLUMNS = 256
+"""Number of cells whose limits are checked together: their data fit into the cache of the processor."""
 
 OVER = 2.0
 """After a search, limits are tightened by `OVER` times the relative violation at `CHECKED` points of each cell. From
@@ -113,7 +116,7 @@ def searched(
     """
     of_nodes, between = jax.tree.map(lambda x: np.ascontiguousarray(np.moveaxis(x, 0, -3)), (of_nodes, between))
     program, within = Program(t.nodes, *of_nodes), t.within
-    cells, count, jerk = within.shape[-1], program.constraints.per_node, program.constraints.jerk is not None
+    cells, count, jerk = within.cells, program.constraints.per_node, program.constraints.jerk is not None
     with np.errstate(all="ignore"):  # a failed search ends with NaN
         state = _first_iterate(program, start, held)
         size, begins = len(state.steps), int(isinstance(start, Result))
@@ -189,10 +192,20 @@ def lost(between: Parts, r: Result) -> Float[np.ndarray, " cells"]:
     return each[1, :cells] + 0.5 * (each[0, :-1] + each[0, 1:])
 
 
-def between_nodes(between: Parts, within: np.ndarray, coefficients: Any) -> Float[Any, "limits *batch cells"]:
+def between_nodes(between: Parts, within: Within, coefficients: Any) -> Float[Any, "limits *batch cells"]:
     """Return the maxima of `used` in each cell, from samples and parabolas through them."""
-    xp = namespace(coefficients, between.upper)
-    rows = used(between, within_cells(within, coefficients, 2 if between.jerk is None else ORDERS))
+    v = within.values(coefficients, CHECKED, 2 if between.jerk is None else ORDERS)
+    constant = between.road is None and between.bends is None and between.combined is None
+    if namespace(coefficients, between.upper) is not np or not constant or within.cells <= COLUMNS:
+        return _peaks(used(between, v))
+    blocks = [slice(k, k + COLUMNS) for k in range(0, within.cells, COLUMNS)]
+    found = [_peaks(used(jax.tree.map(lambda x, own=own: x[..., own], between), v[..., own])) for own in blocks]
+    return np.concatenate(found, axis=-1)
+
+
+def _peaks(rows: Float[Any, "limits *batch {CHECKED} cells"]) -> Float[Any, "limits *batch cells"]:
+    """Return the maxima over the samples of each cell, and over the parabolas through three of them."""
+    xp = namespace(rows)
     before, at, after = rows[..., :-2, :], rows[..., 1:-1, :], rows[..., 2:, :]
     bend, change = 2 * at - before - after, after - before
     peak = (bend > 0) & (xp.abs(change) <= 2 * bend)  # the vertex is between the three samples

@@ -127,7 +127,7 @@ class Draft(NamedTuple):
     @property
     def powers(self) -> Float[np.ndarray, "cells 4"]:
         """The coefficients of a = u̇² in each cell."""
-        powers = np.einsum("pkn,kn->np", self.tables.powers, local(self.result.coefficients))
+        powers = np.einsum("pkn,kn->np", self.tables.within.powers, local(self.result.coefficients))
         return powers[self.tables.filled]
 
 
@@ -239,7 +239,7 @@ def _satisfied(r: Result, best: Any, t: Tables, between: Parts, rows: tuple[str,
         slower = xp.minimum(slower, xp.min(slowing(r.usage[on_road], at_rest[on_road], ALLOWED)))
     slower = xp.where(slower < 1 / (1 + ALLOWED), slower, 1.0)
     slowed = slower * r.coefficients
-    powers = xp.einsum("pkn,kn->np", t.powers, local(slower * best))
+    powers = xp.einsum("pkn,kn->np", t.within.powers, local(slower * best))
     error = r.error + xp.where(slower >= 1 - SLOWED, 0.0, 0.5 * (1 - slower))  # the duration changes by half as much
     by_speed = between.bends is not None or between.combined is not None
     if between.road is None and not by_speed:

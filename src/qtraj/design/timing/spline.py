@@ -156,18 +156,15 @@ def nodes(
     )
 
 
-def within(knots: Float[Any, " cells+1"], count: int, lap: bool = False) -> Float[Any, "count 3 4 cells"]:
-    """Return the matrices that map coefficients of a cell to value and derivatives at `count` equidistant points."""
-    length = np.diff(knots)
-    form = power_form(knots, lap)
-    return np.stack([_at(form, np.full(length.size, z), length) for z in np.linspace(0.0, 1.0, count)])
-
-
 def _at(form: Numbers, place: Numbers, length: Numbers) -> Float[Any, "3 4 cells"]:
-    z, one = place, np.ones_like(place)
-    powers = np.stack([[one, z, z**2, z**3], [0 * z, one, 2 * z, 3 * z**2], [0 * z, 0 * z, 2 * one, 6 * z]])
     safe = np.where(length > 0, length, 1.0)
-    return np.einsum("dpn,pkn->dkn", powers, form) / safe ** np.arange(ORDERS)[:, None, None]
+    return np.einsum("dpn,pkn->dkn", _powers(place), form) / safe ** np.arange(ORDERS)[:, None, None]
+
+
+def _powers(z: Float[np.ndarray, " n"]) -> Float[np.ndarray, "3 4 n"]:
+    """Return 1, z, z² and z³, and their first and second derivatives."""
+    one = np.ones_like(z)
+    return np.stack([[one, z, z**2, z**3], [0 * z, one, 2 * z, 3 * z**2], [0 * z, 0 * z, 2 * one, 6 * z]])
 
 
 def local(coefficients: Float[Any, "*batch cells+3"]) -> Float[Any, "4 *batch cells"]:
@@ -185,11 +182,27 @@ def at_nodes(
     return xp.einsum("okmn,k...n->o...mn", n.basis[:orders], own)
 
 
-def within_cells(
-    table: Float[Any, "count 3 4 cells"], coefficients: Float[Any, "*batch cells+3"], orders: int
-) -> Float[Any, "orders *batch count cells"]:
-    """Return value and derivatives at the points of a table of `within`."""
-    return namespace(coefficients).einsum("pokn,k...n->o...pn", table[:, :orders], local(coefficients))
+class Within(NamedTuple):
+    """The result of `power_form`, and the lengths of the cells; that of an empty cell is 1, and its basis is zero."""
+
+    powers: Float[Any, "4 4 cells"]
+    lengths: Float[Any, " cells"]
+
+    @property
+    def cells(self) -> int:
+        """The number of cells."""
+        return self.lengths.shape[-1]
+
+    def values(
+        self, coefficients: Float[Any, "*batch cells+3"], count: int, orders: int
+    ) -> Float[Any, "orders *batch {count} cells"]:
+        """Return value and derivatives at `count` equidistant points in each cell, both ends included."""
+        xp, z = namespace(coefficients), np.linspace(0.0, 1.0, count)
+        powers = xp.einsum("pkn,k...n->p...n", self.powers, local(coefficients))
+        at = np.moveaxis(_powers(z), 1, -1)[:orders]
+        found = xp.moveaxis(xp.tensordot(at, powers, axes=1), 1, -2)
+        scales = xp.stack([self.lengths ** (-1.0 * k) for k in range(orders)])
+        return xp.einsum("o...pn,on->o...pn", found, scales)
 
 
 def gathered(n: Nodes, parts: Float[Any, "orders *batch 2 cells+1"]) -> Float[Any, "*batch cells+3"]:

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from qtraj.design.timing.grid import Grid
-from qtraj.design.timing.spline import DEGREE, Nodes, nodes, power_form, within
+from qtraj.design.timing.spline import DEGREE, Nodes, Within, nodes, power_form
 
 CHECKED = 17
 """Number of points of each cell at which limits are checked after a search."""
@@ -18,16 +18,14 @@ class Tables(NamedTuple):
 
     At a knot where the spline is less smooth, empty cells follow its cell; `filled` are the indices of all others. For
     each node, and then for each point at which limits are checked, `cell` is the index of its cell and `place` its
-    position in the cell, between 0 and 1. `within` and `powers` are the results of the functions `within` and
-    `power_form` of the module `spline`.
+    position in the cell, between 0 and 1. `within` evaluates splines within cells.
     """
 
     grid: Grid
     nodes: Nodes
     cell: Int[Any, " all"]
     place: Float[Any, " all"]
-    within: Float[Any, "places 3 4 cells"]
-    powers: Float[Any, "4 4 cells"]
+    within: Within
     filled: Int[Any, " filled"]
 
 
@@ -57,7 +55,7 @@ def _tables(fields: Any, rest: tuple[bool, bool], lap: bool, orders: Any, held: 
     span = np.where(length > 0, length, 1.0)[columns]
     at_nodes = ((own.place - knots[columns]) / span).ravel()
     place = np.concatenate([at_nodes, np.repeat(np.linspace(0.0, 1.0, CHECKED), length.size)])
-    return Tables(grid, own, cell, place, within(knots, CHECKED, lap), power_form(knots, lap), filled)
+    return Tables(grid, own, cell, place, Within(power_form(knots, lap), span[:-1]), filled)
 
 
 def _with_empty_cells(grid: Grid, count: Int[np.ndarray, " cells"]) -> tuple[Int[np.ndarray, " cells"], Grid]:
