@@ -2,8 +2,8 @@
 
 The constraint for a limit is (value/limit)² ≤ margin. The margin (at most 1) accounts for larger values between the
 nodes. For a limit on one side of a signed value, it is value/limit ≤ margin, and for a lower bound on a quantity that
-is never negative (limit/value)² ≤ margin. A limit on the height is shifted (see `scales`). The tube bounds the
-horizontal and the vertical distance from the original path at equal fractions of a segment.
+is never negative (limit/value)² ≤ margin. Limits on the height and a least load are shifted (see `scales`). The tube
+bounds the horizontal and the vertical distance from the original path at equal fractions of a segment.
 
 The limits are formulas of r', r'' and r''', the derivatives of the path with respect to u = t/h. The square of a
 quantity is proportional to h⁻²ᵖ, where p is the power of 1/s in its unit, which gives its derivatives with respect to
@@ -19,6 +19,7 @@ from qtraj.algebra.jets import coordinates, sqrt
 from qtraj.design.timing.speed_ratio import SpeedEllipse, WithSpeed, value_of
 from qtraj.design.tuning_route import basis, cleared
 from qtraj.design.tuning_route.problem import RouteProblem, Segments, joined
+from qtraj.design.tuning_route.scales import LEAST_LOAD
 from qtraj.foundation.namespace import matmul, xp
 from qtraj.path.clearance_quantity import names_obstacle
 from qtraj.path.frenet import Invariants
@@ -109,6 +110,7 @@ def _ratio(entry: PathQuantity, i: Invariants, shift: Any, by_speed: WithSpeed |
         return _ratio_by_speed(entry, i, by_speed, h)
     above, below = entry.numerator(i), 1.0 if entry.denominator is None else entry.denominator(i)
     if _is_signed(entry):
+        shift = shift * (h * h) if entry.name == LEAST_LOAD else shift
         return entry.side * above / below + shift
     return below / above if entry.lower else above / below
 
