@@ -265,9 +265,9 @@ def test_what_does_not_support_an_own_quantity_says_so(tmp_path):
             qt.tune(start, end, qt.Limits(own={quantity: 1.0}))
     with pytest.raises(ValueError, match=r"Remove the limits on climb_rate.*certify"):
         qt.retime(route_of(0), qt.Limits(speed=5.0, own={CLIMB: 1.0}))
-    limits = qt.Limits(own={CLIMB: 1.0})
+    limits = qt.Limits(own={SINE: 1.0})
     for stored in (limits, qt.certify(HELIX, limits)):
-        with pytest.raises(ValueError, match="climb_rate of your own cannot be stored"):
+        with pytest.raises(ValueError, match="heading_sine of your own cannot be stored, because its function is not"):
             save(stored, tmp_path / "x.json")
     with pytest.raises(ValueError, match="own_friction needs a vehicle"):
         qt.Limits(own={FRICTION: 1.0})

@@ -161,3 +161,52 @@ def test_derivatives_that_do_not_exist_are_refused():
     ):
         with pytest.raises(ValueError, match=match):
             jax.grad(lambda x, change=change: qt.tune_route(route, change(x)).objective)(0.5)
+
+
+def crest(speed=14.0):
+    """A drive over a crest of 3 m, at which a car loses five sixths of its load."""
+    x = np.linspace(0.0, 80.0, 9)
+    z, slope = 3 * np.exp(-(((x - 40) / 12) ** 2)), -(x - 40) / 72
+    velocity = np.stack([1 + 0 * x, 0 * x, z * slope], -1) * speed
+    acceleration = np.stack([0 * x, 0 * x, z * (slope**2 - 1 / 72)], -1) * speed**2
+    return qt.Route(x / speed, np.stack([x, 0 * x, z], -1), velocity, acceleration)
+
+
+def missing_load(p):
+    """How much less than the weight the load on the road is, which is 0 at rest."""
+    g, v, a = p.vehicle.gravity, p.velocity, p.acceleration
+    along = (a.dot(v) + g * v[2]) / p.speed**2
+    return p.vehicle.mass * (g - (a[2] + g - along * v[2]) * p.speed / qt.sqrt(v[0] ** 2 + v[1] ** 2))
+
+
+@pytest.mark.parametrize("objective", ["nearest", "fastest"])
+def test_a_least_load_on_the_road_has_the_optimum_of_the_load_that_is_missing(objective):
+    car, others = qt.Vehicle(1000.0, friction=0.9), {"speed": 20.0, "acceleration": 8.0}
+    limits = qt.Limits(normal_load=(6000.0, None), vehicle=car, **others)
+    assert qt.certify(crest(), limits).status["normal_load_min"] == "broken"
+    found = qt.tune_route(crest(), limits, tube=1.0, objective=objective)
+    missing = qt.Quantity("missing_load", "N", missing_load)
+    same = qt.Limits(own={missing: (None, 1000 * G - 6000)}, vehicle=car, **others)
+    other = qt.tune_route(crest(), same, tube=1.0, objective=objective)
+    assert found.converged, found.result
+    assert found.certificate.holds
+    assert qt.certify(found.path, limits).holds
+    assert qt.peak(found.path, "normal_load_min", vehicle=car)[1] == pytest.approx(6000.0, rel=1e-4)
+    assert float(found.objective) == pytest.approx(float(other.objective), rel=1e-3)
+
+
+@pytest.mark.slow
+def test_the_derivative_with_respect_to_a_least_load_is_that_of_the_optimum():
+    def change(load):
+        limits = qt.Limits(normal_load=(load, None), speed=20.0, acceleration=8.0, vehicle=qt.Vehicle(1000.0))
+        return qt.tune_route(crest(), limits, tube=1.0).objective
+
+    expected = (float(change(6020.0)) - float(change(5980.0))) / 40
+    assert float(jax.grad(change)(6000.0)) == pytest.approx(expected, rel=5e-3)
+
+
+def test_a_least_load_that_no_route_has_is_named():
+    limits = qt.Limits(normal_load=(9.9e3, None), vehicle=qt.Vehicle(1000.0))
+    found = qt.tune_route(crest(), limits, tube=0.01)
+    assert not found.converged
+    assert "normal_load_min" in str(found.result) + str(found)

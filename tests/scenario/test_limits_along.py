@@ -104,6 +104,29 @@ def test_options_with_sides_and_without_limits():
     assert qt.Limits(speed=found["speed"]).varying == ["speed"]
 
 
+@pytest.mark.parametrize(
+    ("option", "name", "expected"),
+    [
+        ("lateral_acceleration=9@0m/s,7@30m/s", "lateral_acceleration", qt.BySpeed([0, 30], magnitude=[9, 7])),
+        ("longitudinal_acceleration=:3@0m/s,:1@30m/s", "longitudinal_acceleration", qt.BySpeed([0, 30], upper=[3, 1])),
+        (
+            "longitudinal_acceleration=-6:3@0m/s,-4:1@30m/s",
+            "longitudinal_acceleration",
+            qt.BySpeed([0, 30], [-6, -4], [3, 1]),
+        ),
+        (
+            "longitudinal_acceleration=-6:2,-3:1@50,none@70",
+            "longitudinal_acceleration",
+            qt.Along([0, 50, 70], [(-6, 2), (-3, 1), (None, None)]),
+        ),
+        ("speed=5:", "speed", (5, None)),
+    ],
+)
+def test_options_replace_the_limits_of_a_recording(folder, option, name, expected):
+    task = retiming(read_retiming(folder / "drive.csv", limits([option])), {})
+    assert repr(task.limits) == repr(qt.Limits(**{name: expected}))
+
+
 def test_options_by_speed():
     """They are those of a scenario with the same numbers."""
     found = limits(["longitudinal_acceleration=-6:3@0m/s,-4:0.8@30 m/s", "lateral_acceleration=9@0m/s,7@30m/s"])

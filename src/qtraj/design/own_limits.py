@@ -12,11 +12,22 @@ import numpy as np
 from qtraj.design.bound import Bound, Limit, bound_of, part_of
 from qtraj.foundation.argument import described
 from qtraj.foundation.arrays import concrete
+from qtraj.foundation.document import stored_as
 from qtraj.path.own_name import OwnName
 from qtraj.path.own_quantity import Quantity
 from qtraj.path.quantity import quantity
 
 
+def _fields(limits: Any) -> dict[str, Any]:
+    return {"names": limits.names, "bounds": limits.bounds}
+
+
+def _built(names: list[Any], bounds: list[Any]) -> Any:
+    """Return the limits that are stored, checked like those that are given to `Limits`."""
+    return own_limits(dict(zip(names, bounds, strict=True)))
+
+
+@stored_as(_fields, _built)
 class OwnLimits(eqx.Module):
     """The bounds on quantities of one's own, in the order of their `names`; a bound may be None."""
 
@@ -26,10 +37,6 @@ class OwnLimits(eqx.Module):
     def __repr__(self) -> str:
         texts = [f"{name}: {_text(bound)} {quantity(name).label}" for name, bound in self.given().items()]
         return f"{{{', '.join(texts)}}}"
-
-    def refuse_storage(self) -> None:
-        """Raise a ValueError, because functions cannot be stored."""
-        self.names[0].refuse_storage()
 
     def given(self) -> dict[str, Bound]:
         """Return the bounds that are set, by name."""

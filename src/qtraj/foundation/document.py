@@ -65,6 +65,11 @@ def storable(cls: type[T]) -> type[T]:
     """
     if not (isinstance(cls, type) and dataclasses.is_dataclass(cls)):
         raise TypeError(f"storable registers classes with fields, such as subclasses of equinox.Module, but {cls!r}")
+    _register(cls)
+    return cls
+
+
+def _register(cls: type) -> None:
     known = _classes.get(cls.__name__)
     if known is not None and (known.__module__, known.__qualname__) != (cls.__module__, cls.__qualname__):
         raise ValueError(
@@ -72,7 +77,6 @@ def storable(cls: type[T]) -> type[T]:
             "documents contain only the name: choose another name"
         )
     _classes[cls.__name__] = cls
-    return cls
 
 
 def formerly(name: str) -> Callable[[type[T]], type[T]]:
@@ -96,12 +100,13 @@ def reads_older(change: Change) -> Callable[[type[T]], type[T]]:
 
 
 def stored_as(fields: Callable[[Any], dict[str, Any]], build: Callable[..., Any]) -> Callable[[type[T]], type[T]]:
-    """Return a class decorator for a class that is stored in another form.
+    """Return a class decorator that registers a class that is stored in another form.
 
     `save` stores the fields that `fields` returns, and `load` passes these fields to `build`.
     """
 
     def register(cls: type[T]) -> type[T]:
+        _register(cls)
         _forms[cls.__name__] = (fields, build)
         return cls
 
@@ -193,8 +198,6 @@ def _by_suffix(path: Path, choices: dict[str, Callable[..., Any]]) -> Callable[.
 
 
 def _encode(value: Any) -> Any:
-    if refuse := getattr(value, "refuse_storage", None):
-        refuse()
     if _classes.get(type(value).__name__) is type(value):
         form = _forms.get(type(value).__name__)
         fields = form[0](value) if form else {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}

@@ -25,6 +25,7 @@ from qtraj.design.regions import Regions
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.provenance import provenance_attributes
 from qtraj.foundation.record import LABELS, variable_attributes
+from qtraj.io.findings import finding_variables
 from qtraj.motion.programs.rotation_minimizing import Frame
 from qtraj.path.channel import CHANNELS, outputs_with
 from qtraj.path.distances import distances
@@ -32,7 +33,7 @@ from qtraj.path.driving import default_frame
 from qtraj.path.frame_axes import framed, labels_of
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.own_name import OwnName
-from qtraj.path.quantity import QUANTITIES, SIDES, quantity
+from qtraj.path.quantity import COMBINED, QUANTITIES, SIDES, quantity
 from qtraj.path.route import Route
 from qtraj.path.track import Track, elapsed_times, to_float64
 from qtraj.path.trihedral import AbstractFrame, Upright
@@ -47,6 +48,9 @@ LIMIT_VARIABLES = {name: entry.variable for name, entry in (QUANTITIES | SIDES).
 
 SIGNED_VARIABLES = frozenset(entry.variable for entry in (QUANTITIES | SIDES).values() if entry.signed)
 """The variables with signed values; a limit on any other variable bounds its magnitude."""
+
+AT_SPEED = " at this speed"
+"""The end of the meaning of a limit that depends on the speed."""
 
 LAYOUT = "time(path, sample) is the time from the start of the path; progress(sample) = time / duration, from 0 to 1"
 
@@ -106,18 +110,19 @@ def path_dataset(
         variables[name] = (("path", *dims), stacked, about)
     given: dict[str, Any] = {} if limits is None else limits.given()  # pyright: ignore[reportAssignmentType]
     for name, limit in given.items():
-        if isinstance(limit, Ellipse):  # no variable contains the combined acceleration
+        if isinstance(limit, Ellipse):
+            variables[name] = _used(variables, limit)
             continue
         variable, attribute = quantity(name).variable, limit_attribute(name)
         if isinstance(limit, BySpeed):
             values = np.asarray(limit.at(variables["speed"][1]), float)
-            about = variable_attributes(quantity(name).unit, f"limit on the {quantity(name).meaning} at this speed")
+            about = variable_attributes(quantity(name).unit, f"limit on the {quantity(name).meaning}{AT_SPEED}")
             variables[f"{variable}_{attribute}"] = (("path", "sample"), values, about)
         elif isinstance(limit, Along | Regions):
             variables[f"{variable}_{attribute}"] = _along(paths, progress, name, limit)
         else:
             variables[variable][2][attribute] = float(limit)
-    variables |= _findings(list(paths), findings or {})
+    variables |= finding_variables(list(paths), findings or {})
     for name, fact in vehicle_quantities(vehicle).items():
         variables[name] = (fact.axes, np.asarray(fact.values), variable_attributes(fact.unit, fact.meaning))
     coordinates: dict[str, Any] = {
@@ -143,6 +148,13 @@ def path_dataset(
     made = provenance_attributes(np.asarray(next(iter(paths.values())).duration).dtype)
     whole = {**conventions(name_of_frame), "layout": LAYOUT, **made, **about, **(attributes or {})}
     return xarray.Dataset(variables, coordinates, whole)
+
+
+def _used(variables: Mapping[str, Any], limit: Ellipse) -> tuple[Any, ...]:
+    """Return the variable of the combined acceleration relative to an ellipse, whose limit is 1."""
+    names = ("longitudinal_acceleration", "lateral_acceleration", "speed")
+    values = np.asarray(limit.usage(*(variables[name][1] for name in names)), float)
+    return ("path", "sample"), values, variable_attributes("1", quantity(COMBINED).meaning) | {"limit": 1.0}
 
 
 def _along(paths: Mapping[str, Any], progress: np.ndarray, name: str, limit: Along | Regions) -> tuple[Any, ...]:
@@ -215,47 +227,6 @@ def with_fit(variables: dict[str, Any], fitted: Fitted) -> dict[str, str]:
     for name, fact in facts.items():
         variables[name] = (fact.axes, fact.values, variable_attributes(fact.unit, fact.meaning))
     return attributes
-
-
-def _findings(paths: list[str], certificates: Mapping[str, Certificate]) -> dict[str, Any]:
-    """Return the largest value of each limited quantity on each path, its time, and the status of the limit."""
-    variables: dict[str, Any] = {}
-    for name in dict.fromkeys(name for certificate in certificates.values() for name in certificate.names):
-        entry = quantity(name)
-        extreme, finding, unit = *finding_names(name), entry.unit
-        by_path = [certificates.get(path) for path in paths]
-        with_limit = [c if c is not None and name in c.names else None for c in by_path]
-        rows = [(np.nan, np.nan, "") if c is None else (*c.worst[name][:2], c.status[name]) for c in with_limit]
-        times, values, texts = zip(*rows, strict=True)
-        bounds = [np.nan if c is None else c.worst[name][2] for c in with_limit]
-        limit = {"limit": float(next(c.worst[name][2] for c in with_limit if c is not None))}
-        if len({x for x in bounds if x == x}) > 1:  # it changes along the way
-            about_limit = variable_attributes(unit, f"limit there on the {entry.meaning}")
-            variables[f"{extreme}_limit"] = (("path",), np.array(bounds, float), about_limit)
-        about = f"of the {entry.meaning} on the whole path"
-        variables[extreme] = (
-            ("path",),
-            np.array(values, float),
-            variable_attributes(unit, f"{entry.extreme} value {about}") | limit,
-        )
-        variables[f"{extreme}_time"] = (
-            ("path",),
-            np.array(times, float),
-            variable_attributes("s", f"time of the {entry.extreme} value {about}"),
-        )
-        variables[finding] = (
-            ("path",),
-            np.array(texts, str),
-            {"long_name": f"status of the limit {about}"},
-        )
-    return variables
-
-
-def finding_names(name: str) -> tuple[str, str]:
-    """Return the names of the variables with the worst value of a limited quantity and with the status of its limit."""
-    entry = quantity(name)
-    extreme = f"{entry.extreme}_{entry.variable}"
-    return extreme, f"finding_{extreme if entry.lower else entry.variable}"
 
 
 def _frame(path: AbstractHodograph, track: Track | None) -> AbstractFrame:

@@ -140,9 +140,9 @@ CHANNELS: dict[str, Channel] = _Channels({entry.name: entry for entry in _ENTRIE
 """The outputs by name, in the order in which they are displayed."""
 for _entry in (x for entry in QUANTITIES.values() for x in (quantity(upper_side(entry)), entry)):
     CHANNELS.setdefault(_entry.variable, _scalar(_entry))
-for _entry in QUANTITIES.values():
-    if _entry.signed is not None:  # a number limits the value, so no entry of the registry is the magnitude
-        CHANNELS[f"{_entry.name}{MAGNITUDE}"] = _scalar(_magnitude(_entry))
+MAGNITUDES = {f"{x.name}{MAGNITUDE}": _magnitude(x) for x in QUANTITIES.values() if x.signed is not None}
+"""The magnitudes of quantities whose value is limited by a number, so that they are no entries of the registry."""
+CHANNELS.update({_name: _scalar(_entry) for _name, _entry in MAGNITUDES.items()})
 
 
 def outputs_with(vehicle: Vehicle | None) -> tuple[str, ...]:

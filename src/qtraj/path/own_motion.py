@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from fractions import Fraction
 from typing import Any
 
 from qtraj.foundation.namespace import xp
 from qtraj.path import components
+from qtraj.path.own_recording import RecordedNumber, recorded
 from qtraj.path.product import Factor, Product, product_of
 from qtraj.path.product_vector import ProductVector
 
@@ -15,6 +17,9 @@ NAMES = ("position", "velocity", "acceleration", "jerk", "snap")
 
 PARAMETERS = ("mass", "gravity", "drag", "rolling", "wheelbase", "friction")
 """The parameters of a vehicle that a function can use; `friction` is a pair."""
+
+INVERSE_FRICTION = ("inv_long", "inv_lat")
+"""The names in `RoadParameters` of the inverses of the two numbers of `friction`."""
 
 
 class Motion:
@@ -33,15 +38,15 @@ class Motion:
 
 
 class _Parameters:
-    """The parameters of a vehicle; `of` returns one of `RoadParameters`."""
+    """The parameters of a vehicle; `of` returns one of them."""
 
-    def __init__(self, of: Any):
+    def __init__(self, of: Callable[[str], Any]):
         self._of = of
 
     def __getattr__(self, name: str) -> Any:
         if name not in PARAMETERS:
             raise AttributeError(f"the vehicle of a motion has no {name!r}; it has {', '.join(PARAMETERS)}")
-        return (1 / self._of("inv_long"), 1 / self._of("inv_lat")) if name == "friction" else self._of(name)
+        return self._of(name)
 
 
 class ArrayVector:
@@ -94,15 +99,26 @@ class ArrayVector:
 def recorded_motion() -> Motion:
     """Return a motion whose numbers are formulas."""
     vectors = [ProductVector.derivative(k) for k in range(len(NAMES))]
-    parameter = lambda name: Product(Fraction(1), {Factor("parameter", (name,), positive=True): 2})  # noqa: E731
-    return Motion(vectors, vectors[1].norm(), _Parameters(parameter))
+    named = [recorded(vector, name) for vector, name in zip(vectors, NAMES, strict=True)]
+    return Motion(named, recorded(vectors[1].norm(), "speed"), _Parameters(_recorded_parameter))
+
+
+def _recorded_parameter(name: str) -> Any:
+    if name != "friction":
+        return recorded(_parameter(name), f"vehicle.{name}")
+    return tuple(recorded(1 / _parameter(x), f"vehicle.friction[{k}]") for k, x in enumerate(INVERSE_FRICTION))
+
+
+def _parameter(name: str) -> Product:
+    return Product(Fraction(1), {Factor("parameter", (name,), positive=True): 2})
 
 
 def motion_of(i: Any) -> Motion:
     """Return the motion of invariants whose derivatives are arrays in world axes."""
     zero = 0.0 * i.S
     vectors = [None if row is None else ArrayVector(x + zero for x in row) for row in i.r]
-    return Motion(vectors, i.v, _Parameters(lambda name: getattr(i.vehicle, name)))
+    friction = lambda: tuple(1 / getattr(i.vehicle, name) for name in INVERSE_FRICTION)  # noqa: E731
+    return Motion(vectors, i.v, _Parameters(lambda x: friction() if x == "friction" else getattr(i.vehicle, x)))
 
 
 def sqrt(x: Any) -> Any:
@@ -119,7 +135,7 @@ def sqrt(x: Any) -> Any:
         >>> level.provable
         True
     """
-    if isinstance(x, Product):
+    if isinstance(x, RecordedNumber):
         return x.sqrt()
     if not hasattr(x, "dtype") and product_of(x) is None:
         raise TypeError(f"sqrt expects a number, an array or a formula, but {x!r} was given")

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
+from qtraj.foundation.document import stored_as
 from qtraj.path.path_quantity import PathQuantity
 
 
@@ -12,6 +14,17 @@ def name_of(quantity: Any) -> Any:
     return getattr(quantity, "key", quantity)
 
 
+def _fields(name: Any) -> dict[str, Any]:
+    return {"text": str(name), "quantity": name.quantity}
+
+
+def _built(text: str, quantity: Any) -> Any:
+    if not isinstance(entries := getattr(quantity, "entries", None), Mapping) or text not in entries:
+        raise ValueError(f"{text!r:.80} is not the name of a quantity of one's own or of a side of it")
+    return OwnName(text, quantity)
+
+
+@stored_as(_fields, _built)
 class OwnName(str):
     """The name of a quantity of one's own, or of a side of it, which carries the entries of the quantity.
 
@@ -35,13 +48,6 @@ class OwnName(str):
     def output(self) -> PathQuantity:
         """The entry whose output in `evaluate` has this name."""
         return next(entry for entry in self.quantity.entries.values() if entry.variable == str(self))
-
-    def refuse_storage(self) -> None:
-        """Raise a ValueError, because a function cannot be stored."""
-        raise ValueError(
-            f"the quantity {self.quantity.name} of your own cannot be stored, because it is defined by a function: "
-            "store the other limits, and add this one after loading them"
-        )
 
     def __getnewargs__(self) -> Any:
         return str(self), self.quantity

@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 
 from qtraj.foundation.argument import described, require_type
+from qtraj.foundation.document import stored_as
 from qtraj.foundation.namespace import is_host, xp
 from qtraj.path import formula as formulas
 from qtraj.path.channel import CHANNELS, MAGNITUDE
 from qtraj.path.frenet import Invariants
+from qtraj.path.own_expression import Expression
 from qtraj.path.own_facts import (
     POSITION,
     Guard,
@@ -28,6 +30,7 @@ from qtraj.path.own_facts import (
 )
 from qtraj.path.own_motion import NAMES, motion_of, recorded_motion
 from qtraj.path.own_name import OwnName
+from qtraj.path.own_recording import RecordedNumber, RecordedVector
 from qtraj.path.own_units import (
     STATES,
     exponents_of,
@@ -39,7 +42,6 @@ from qtraj.path.own_units import (
 )
 from qtraj.path.path_quantity import PARAMETERS, WHEELBASE, Component, PathQuantity, squared
 from qtraj.path.product import Product, product_of
-from qtraj.path.product_vector import ProductVector
 from qtraj.path.quantity import CORRIDOR, QUANTITIES, SIDES
 from qtraj.path.sides import LOWER, UPPER, sides_of
 
@@ -53,6 +55,36 @@ TAKEN = {*QUANTITIES, *SIDES, *CHANNELS, CORRIDOR.name, "time", "vehicle", "own"
 """Names that a quantity of one's own cannot have."""
 
 
+def _fields(quantity: Any) -> dict[str, Any]:
+    known = {"name": quantity.name, "unit": quantity.unit, "expression": _storable_expression(quantity)}
+    return known if quantity.meaning == quantity.name else known | {"meaning": quantity.meaning}
+
+
+def _built(name: str, unit: str, expression: str, meaning: str = "") -> Any:
+    require_type(expression, str, f"the expression of the quantity {name}", "a string such as 'velocity[2]'")
+    require_type(meaning, str, f"the meaning of the quantity {name}", "a string")
+    return Quantity(name, unit, expression, meaning)
+
+
+def _storable_expression(quantity: Any) -> str:
+    """Return the expression of a quantity, from which `load` builds the same quantity.
+
+    **Raises:** ValueError if it has none, or if it is not a valid expression.
+    """
+    try:
+        if quantity.expression is None:
+            raise ValueError("its function is not a formula of + - * / and qtraj.sqrt, or is too long")
+        if Quantity(quantity.name, quantity.unit, quantity.expression, quantity.meaning) != quantity:
+            raise ValueError("its function does not return the same formula each time")
+    except ValueError as error:
+        raise ValueError(
+            f"the quantity {quantity.name} of your own cannot be stored, because {error}: store the other limits, and "
+            "add this one after loading them"
+        ) from None
+    return quantity.expression
+
+
+@stored_as(_fields, _built)
 class Quantity:
     """A quantity along a path, defined by a function of the motion.
 
@@ -71,7 +103,8 @@ class Quantity:
     Args:
         name: The name, an identifier that no other quantity or output has.
         unit: The unit of the result, such as "m/s^2", "1/m", "N" or "1": a product of powers of m, s, kg, rad, N and W.
-        function: The function of the motion p.
+        function: The function of the motion p, or an expression such as "velocity[2]": the same names without p, and
+            `sqrt` and `abs`.
         meaning: A text for tables and figures, by default the name.
 
     Raises:
@@ -90,18 +123,20 @@ class Quantity:
 
     name: str
     unit: str
+    meaning: str
+    expression: str | None
     provable: bool
     entries: Mapping[str, PathQuantity]
 
-    def __init__(self, name: str, unit: str, function: Callable[[Any], Any], meaning: str = ""):
+    def __init__(self, name: str, unit: str, function: Callable[[Any], Any] | str, meaning: str = ""):
         self.name = _name(name)
         require_type(unit, str, f"the unit of the quantity {name}", "a string such as 'm/s^2'")
-        if not callable(function):
+        if not callable(function := Expression(function) if isinstance(function, str) else function):
             raise TypeError(f"the quantity {name} needs a function of the motion, but {described(function)} was given")
-        self.unit, self._function = unit_of(unit), function
-        self._formula = _recorded(name, function)
+        self.unit, self.meaning, self._function = unit_of(unit), meaning or name, function
+        self._formula, self.expression = _recorded(name, function)
         self.provable = self._formula is not None
-        entry = self._of_function(meaning) if self._formula is None else self._of_formula(self._formula, meaning)
+        entry = self._of_function() if self._formula is None else self._of_formula(self._formula)
         entries = {name: entry} | sides_of([entry])
         base = {key: OwnName(name, self) if x.base else "" for key, x in entries.items()}
         self.entries = {key: replace(x, name=OwnName(key, self), base=base[key]) for key, x in entries.items()}
@@ -123,9 +158,9 @@ class Quantity:
 
     def _key(self) -> tuple[Any, ...]:
         own = self._function if self._formula is None else self._formula.key()
-        return self.name, self.unit, own, self.entries[self.name].meaning
+        return self.name, self.unit, own, self.meaning
 
-    def _of_formula(self, f: Product, meaning: str) -> PathQuantity:
+    def _of_formula(self, f: Product) -> PathQuantity:
         exponents = exponents_of_formula(f)
         self._require_unit(exponents)
         divisor, divisors = divisor_of(f)
@@ -143,7 +178,7 @@ class Quantity:
             self.name,
             self.unit,
             order_of(f),
-            meaning or self.name,
+            self.meaning,
             numerator=lambda i: formulas.numerator(f, i, 2),
             denominator=(lambda i: formulas.denominator(f, i, 2)) if formulas.has_denominator(f) else None,
             square=lambda i: squared(formulas.value(f, i)),
@@ -163,7 +198,7 @@ class Quantity:
         )
         return _with_component(magnitude, component)
 
-    def _of_function(self, meaning: str) -> PathQuantity:
+    def _of_function(self) -> PathQuantity:
         function, name = self._function, self.name
 
         def value(i: Invariants) -> Any:
@@ -176,7 +211,7 @@ class Quantity:
             name,
             self.unit,
             HIGHEST,
-            meaning or name,
+            self.meaning,
             numerator=lambda i: squared(value(i)),
             needs=PARAMETERS if _uses_vehicle(function) else "",
             position=True,
@@ -203,23 +238,22 @@ def _with_component(magnitude: PathQuantity, component: Component) -> PathQuanti
     )
 
 
-def _recorded(name: str, function: Callable[[Any], Any]) -> Product | None:
-    """Return the formula of a function, or None for a function that is not one."""
+def _recorded(name: str, function: Callable[[Any], Any]) -> tuple[Product | None, str | None]:
+    """Return the formula of a function and its text, which is None if it is too long; None for other functions."""
     try:
         found = function(recorded_motion())
     except TypeError:
-        return None
+        return None, None
     except ZeroDivisionError as error:
         raise ValueError(f"the function of the quantity {name} divides by zero") from error
-    if isinstance(found, ProductVector | tuple | list | dict | str) or found is None:
+    if isinstance(found, RecordedVector | tuple | list | dict | str) or found is None:
         raise ValueError(
             f"the function of the quantity {name} must return one number, such as p.velocity[2], but "
-            f"{'a vector' if isinstance(found, ProductVector) else described(found)} was returned"
+            f"{'a vector' if isinstance(found, RecordedVector) else described(found)} was returned"
         )
-    found = product_of(found) if not hasattr(found, "shape") or np.shape(found) == () else None
-    if found is None or not found.exponents:
+    if not isinstance(found, RecordedNumber) or not found.value.exponents:
         raise ValueError(f"the function of the quantity {name} does not depend on the motion p")
-    return found
+    return found.value, found.text
 
 
 def _checked(name: str, value: Callable[[Invariants], Any]) -> Callable[[Invariants], Any]:

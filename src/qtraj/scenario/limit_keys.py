@@ -1,25 +1,22 @@
 """Define the scenario keys of the limits, one for each entry of the registry of path quantities."""
 
 from collections.abc import Iterator
-from typing import Annotated, Any, Literal
+from typing import Any
 
-from pydantic import Discriminator, Tag, create_model
+from pydantic import create_model
 
-from qtraj.design.along import Along
 from qtraj.design.bound import BY_SPEED, bound_of
-from qtraj.design.by_speed import BySpeed
-from qtraj.design.ellipse import FIELDS, Ellipse
-from qtraj.design.regions import Regions
 from qtraj.io.track.limit_columns import LimitColumn
 from qtraj.path.path_quantity import PathQuantity
 from qtraj.path.quantity import COMBINED, QUANTITIES, quantity
 from qtraj.path.sides import has_sides
-from qtraj.scenario import keys
 from qtraj.scenario.keys import Part, key
+from qtraj.scenario.limit_forms import EllipseTable, bound_in, kind_of_limit, valid_values
 from qtraj.scenario.obstacle_part import BodyBallPart, ObstaclePart
+from qtraj.scenario.own_part import OwnPart
 
-OBSTACLES = ("keep_out", "body")
-"""Keys of [limits] that are no limits on quantities."""
+OTHERS = ("own", "keep_out", "body")
+"""Keys of [limits] that are no limits on quantities of the library."""
 
 
 class LimitedPart(Part):
@@ -43,14 +40,19 @@ class LimitedPart(Part):
     {speeds = [0, 30], magnitude = [9, 7]}. combined_acceleration = {braking = 8, accelerating = 3, lateral = 9} is an
     ellipse, whose values may also be tables with speeds and a magnitude.
 
+    A limit on a quantity of your own is a table [[limits.own]] with a name, a unit, an expression and the limit:
+    expression = "velocity[2]".
+
     Obstacles are tables [[limits.keep_out]], such as ball = {centre = [17.0, 0.4, 0.0], radius = 1.2}, and the balls of
     the body that keeps clear of them are tables [[limits.body]].
     """
 
     def limits(self) -> dict[str, Any]:
         """Return the limits that are set, by name: numbers, pairs, or one of the forms above."""
-        given = self.model_dump(exclude=set(OBSTACLES))
-        return {name: _bound(value) for name, value in given.items() if value is not None}
+        parts: Any = self
+        given = self.model_dump(exclude=set(OTHERS))
+        own = {part.quantity().key: bound_in(part.limit) for part in parts.own or ()}
+        return {name: bound_in(value) for name, value in given.items() if value is not None} | own
 
     def obstacles(self) -> dict[str, Any]:
         """Return the obstacles and the body, as arguments of `Limits`."""
@@ -69,101 +71,21 @@ class LimitedPart(Part):
         parts: Any = self
         if parts.body is not None and not parts.keep_out:
             yield "[[limits.body]] needs obstacles, in [[limits.keep_out]]"
-        for name, value in self.model_dump(exclude=set(OBSTACLES)).items():
+        names = [part.name for part in parts.own or ()]
+        if repeated := [name for name in names if names.count(name) > 1]:
+            yield f"there are several tables [[limits.own]] with the name {repeated[0]!r}: give one another name"
+        for name, value in self.model_dump(exclude=set(OTHERS)).items():
             try:
-                if not isinstance(bound := _bound(value), LimitColumn):
+                if not isinstance(bound := bound_in(value), LimitColumn):
                     bound_of(bound, name)
             except ValueError as error:
                 text = str(error)
                 yield text if name in text else f"{name}: {text}"
 
 
-def _bound(value: Any) -> Any:
-    form = _form(value)
-    if form == "ellipse":
-        if missing := [name for name in FIELDS if name not in value]:
-            raise ValueError(f"an ellipse must have {', '.join(FIELDS)}, but {missing[0]} is missing")
-        return Ellipse(*(_bound(value[name]) for name in FIELDS))
-    if form == "by speed":
-        sides = {name: value.get(name) for name in ("lower", "upper", "magnitude")}
-        return BySpeed(value["speeds"], **sides)
-    if form == "along":
-        return Along(value.get("distance", ()), value.get("values", ()), value.get("kind", "step"))
-    if form == "column":
-        return LimitColumn(**value)
-    if form in ("areas", "regions"):
-        areas, outside = (value, None) if form == "areas" else (value["regions"], value.get("outside"))
-        return _regions(areas, outside)
-    if form == "steps":
-        if missing := [step for step in value if "from" not in step]:
-            raise ValueError(f"every step needs the key 'from', where it starts [m], but one is {missing[0]}")
-        values = [_sides(step.get("value")) for step in value]
-        if any(isinstance(x, tuple) for x in values):
-            values = [x if isinstance(x, tuple) else (None, None) if x is None else x for x in values]
-        return Along([step["from"] for step in value], values)
-    return _sides(value)
-
-
-def _regions(areas: Any, outside: Any) -> Regions:
-    if not isinstance(areas, list) or not all(isinstance(area, dict) for area in areas):
-        raise ValueError(f"regions must be a list of areas {{polygon = …, value = …}}, but {areas!r} was given")
-    if missing := [area for area in areas if not area.keys() >= {"polygon", "value"}]:
-        raise ValueError(
-            f"every area needs the keys 'polygon' and 'value', but one has {', '.join(missing[0]) or 'none'}"
-        )
-    values = [None if x is None else _sides(x) for x in (*(area["value"] for area in areas), outside)]
-    if any(isinstance(x, tuple) for x in values):
-        values = [x if isinstance(x, tuple) else (None, None) if x is None else x for x in values]
-    *inside, outside = values
-    return Regions([(area["polygon"], x) for area, x in zip(areas, inside, strict=True)], outside)
-
-
-def _sides(value: Any) -> Any:
-    """Return a number, or a range as a pair."""
-    if isinstance(value, dict):
-        return value.get("min"), value.get("max")
-    return tuple(value) if isinstance(value, list) else value
-
-
-def _form(value: Any) -> str:
-    """Return which of the forms of a limit a value has."""
-    if isinstance(value, list) and value and all(isinstance(x, dict) for x in value):
-        return "areas" if any("polygon" in x for x in value) else "steps"
-    if isinstance(value, dict) and "column" in value:
-        return "column"
-    if isinstance(value, dict) and "regions" in value:
-        return "regions"
-    if isinstance(value, dict) and value.keys() & {"distance", "values"}:
-        return "along"
-    if isinstance(value, dict) and value.keys() & {"speeds", *FIELDS}:
-        return "by speed" if "speeds" in value else "ellipse"
-    return "range" if isinstance(value, list | dict) else "number"
-
-
-Value = keys.Number | keys.Range
-Steps = Annotated[list[dict[Literal["from", "value"], Value]], Tag("steps")]
-Table = Annotated[dict[Literal["distance", "values", "kind"], str | list[Value]], Tag("along")]
-BySpeedTable = Annotated[dict[Literal["speeds", "lower", "upper", "magnitude"], list[keys.Number]], Tag("by speed")]
-EllipseTable = dict[Literal["braking", "accelerating", "lateral"], keys.Positive | BySpeedTable]
-Column = Annotated[dict[Literal["column", "unit"], keys.Text], Tag("column")]
-Area = dict[Literal["polygon", "value"], list[keys.Pair] | Value]
-Areas = Annotated[list[Area], Tag("areas")]
-Inside = Annotated[dict[Literal["regions", "outside"], list[Area] | Value], Tag("regions")]
-
-
 def _limit_key(entry: PathQuantity) -> tuple[Any, Any]:
-    forms: Any = Annotated[keys.Positive, Tag("number")] | Steps | Table | Column | Areas | Inside
-    if has_sides(entry):
-        forms = forms | Annotated[keys.Range, Tag("range")]
-    if entry.name in BY_SPEED:
-        forms = forms | BySpeedTable
-    kind: Any = Annotated[forms, Discriminator(_form)]
-    by_speed = ", a table {speeds = …, magnitude = …}" if entry.name in BY_SPEED else ""
-    values = (
-        f"a positive finite number{', a range' if has_sides(entry) else ''}, steps [{{from = …, value = …}}, …], a "
-        f"column {{column = …}}{by_speed} or areas [{{polygon = …, value = …}}, …] [{entry.label}]"
-    )
-    return kind | None, key(entry.meaning, None, values=values)
+    forms = has_sides(entry), entry.name in BY_SPEED
+    return kind_of_limit(*forms) | None, key(entry.meaning, None, values=f"{valid_values(*forms)} [{entry.label}]")
 
 
 _limits: dict[str, Any] = {name: _limit_key(entry) for name, entry in QUANTITIES.items()}
@@ -174,6 +96,10 @@ _limits[COMBINED] = (
         None,
         values="a table {braking = …, accelerating = …, lateral = …} of positive numbers or tables by speed [m/s²]",
     ),
+)
+_limits["own"] = (
+    list[OwnPart] | None,
+    key("limits on quantities of your own", None, values="tables [[limits.own]]"),
 )
 _limits["keep_out"] = (
     list[ObstaclePart] | None,

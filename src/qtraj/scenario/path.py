@@ -16,6 +16,7 @@ from qtraj.io.track.reading import Recording
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.change import sampled
 from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.own_name import OwnName
 from qtraj.path.placement import Placement
 from qtraj.path.quantity import quantity
 from qtraj.path.spiral_helix import SpiralHelix
@@ -89,7 +90,9 @@ class LimitedScenario(NamedPart):
         """
         bounds = {name: along_path(name, x, recording, path) for name, x in self.limits.limits().items()}
         vehicle = self.vehicle and self.vehicle.vehicle(beside)
-        return Limits(**bounds, vehicle=vehicle, **self.limits.obstacles())
+        own: Any = {name: bound for name, bound in bounds.items() if isinstance(name, OwnName)}
+        named = {name: bound for name, bound in bounds.items() if name not in own}
+        return Limits(**named, own=own, vehicle=vehicle, **self.limits.obstacles())
 
 
 class PathScenario(LimitedScenario):

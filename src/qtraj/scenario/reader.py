@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from qtraj.design.along import Along
+from qtraj.design.by_speed import SIDES, BySpeed
 from qtraj.foundation.model_fault import explain, unknown_keys
 from qtraj.io.input_file import InputFile, read_input, with_track
 from qtraj.io.shape.shape_file import ShapeRead
@@ -104,6 +105,10 @@ def _as_key(limit: Any) -> Any:
     if isinstance(limit, Along):
         steps = zip(np.asarray(limit.distance).tolist(), np.asarray(limit.values).tolist(), strict=True)
         return [{"from": s} | _present("value", x) for s, x in steps]
+    if isinstance(limit, BySpeed):
+        values = np.asarray(limit.values).T.tolist()
+        columns = zip(SIDES, values, strict=True) if limit.kind == "sides" else [(limit.kind, values)]
+        return {"speeds": np.asarray(limit.speeds).tolist(), **dict(columns)}
     if not isinstance(limit, tuple):
         return limit
     return {name: value for name, value in zip(("min", "max"), limit, strict=True) if value is not None}

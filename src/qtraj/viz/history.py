@@ -11,7 +11,15 @@ from mpl_toolkits.mplot3d import Axes3D  # registers the projection
 
 from qtraj.design.limits import Limits
 from qtraj.foundation.units import symbol
-from qtraj.io.dataset import LIMIT_VARIABLES, bounded_values, limited_variables, limits_along, limits_of, own_variables
+from qtraj.io.dataset import (
+    AT_SPEED,
+    LIMIT_VARIABLES,
+    bounded_values,
+    limited_variables,
+    limits_along,
+    limits_of,
+    own_variables,
+)
 from qtraj.viz.drawable import path_samples
 from qtraj.viz.report.ranges import spike
 from qtraj.viz.space import draw_space
@@ -101,12 +109,13 @@ def _draw_history(axes: Any, dataset: xarray.Dataset, name: str, last: bool) -> 
         shown = bounded_values(name, values)
         axes.plot(dataset["time"].isel(path=k).values, shown, label=str(path), **path_line(str(path), k))
     limits = limits_of(variable)
-    for limit, words in zip(limits, ("lower limit", "upper limit") if len(limits) > 1 else ("limit",), strict=False):
+    one = "lower limit" if "lower_limit" in variable.attrs else "limit"
+    for limit, words in zip(limits, ("lower limit", "upper limit") if len(limits) > 1 else (one,), strict=False):
         axes.axhline(limit, label=f"{words} {limit:.4g}", **BOUND)
     for own in limits_along(dataset, name):
         for k in range(dataset.sizes["path"]):
             bound = dataset[own].isel(path=k).values
-            axes.plot(dataset["time"].isel(path=k).values, bound, label="" if k else "limit along the way", **BOUND)
+            axes.plot(dataset["time"].isel(path=k).values, bound, label="" if k else _changing(dataset[own]), **BOUND)
     # Where the road has no load, the friction demand is infinite.
     drawn = [y for line in axes.lines for y in line.get_ydata() if np.isfinite(y)]
     sampled = [y for line in axes.lines if len(line.get_ydata()) > 2 for y in line.get_ydata() if np.isfinite(y)]
@@ -131,6 +140,11 @@ def _draw_history(axes: Any, dataset: xarray.Dataset, name: str, last: bool) -> 
         axes.set_xlabel("time from the start of the path [s]")
     else:
         axes.tick_params(labelbottom=False)
+
+
+def _changing(limit: xarray.DataArray) -> str:
+    """Return the words for a limit that changes."""
+    return "limit at this speed" if limit.attrs["long_name"].endswith(AT_SPEED) else "limit along the way"
 
 
 def _shade_beyond(axes: Any, variable: xarray.DataArray) -> None:

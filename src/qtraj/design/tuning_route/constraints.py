@@ -1,9 +1,9 @@
 """Express the limits and the tube as constraints at the nodes of each segment, with their derivatives.
 
 The constraint for a limit is (value/limit)² ≤ margin. The margin (at most 1) accounts for larger values between the
-nodes. For a limit on one side of a signed value, it is value/limit ≤ margin, and for a lower bound on a quantity that
-is never negative (limit/value)² ≤ margin. A limit on the height is shifted (see `scales`). The tube bounds the
-horizontal and the vertical distance from the original path at equal fractions of a segment.
+nodes. For one side of a signed value, it is value/limit ≤ margin, and for a lower bound on a quantity that is never
+negative (limit/value)² ≤ margin. Limits on the height and a least load are shifted (see `scales`). The tube bounds
+both distances from the original path, horizontally and vertically, at equal fractions of a segment.
 
 The limits are formulas of r', r'' and r''', the derivatives of the path with respect to u = t/h. The square of a
 quantity is proportional to h⁻²ᵖ, where p is the power of 1/s in its unit, which gives its derivatives with respect to
@@ -19,6 +19,7 @@ from qtraj.algebra.jets import coordinates, sqrt
 from qtraj.design.timing.speed_ratio import SpeedEllipse, WithSpeed, value_of
 from qtraj.design.tuning_route import basis, cleared
 from qtraj.design.tuning_route.problem import RouteProblem, Segments, joined
+from qtraj.design.tuning_route.scales import LEAST_LOAD
 from qtraj.foundation.namespace import matmul, xp
 from qtraj.path.clearance_quantity import names_obstacle
 from qtraj.path.frenet import Invariants
@@ -89,8 +90,7 @@ def ratios(problem: RouteProblem, names: tuple[str, ...], r: Any, h: Any = None)
     """
     vehicle, road, shifts = None, road_at(problem, value_of(r[0]).shape[0]), problem.shifts
     if road is not None:
-        vehicle = RoadParameters(*road)
-        vehicle = vehicle._replace(gravity=h * h * vehicle.gravity)
+        vehicle = (own := RoadParameters(*road))._replace(gravity=h * h * own.gravity)
     rows = [(r[k], r[k + 1], r[k + 2]) for k in range(0, len(r), 3)]
     i = Invariants([*[None] * problem.first, *rows], None, vehicle, root=sqrt)
     by_speed = problem.by_speed or [None] * len(names)
@@ -109,7 +109,7 @@ def _ratio(entry: PathQuantity, i: Invariants, shift: Any, by_speed: WithSpeed |
         return _ratio_by_speed(entry, i, by_speed, h)
     above, below = entry.numerator(i), 1.0 if entry.denominator is None else entry.denominator(i)
     if _is_signed(entry):
-        return entry.side * above / below + shift
+        return entry.side * above / below + (shift * (h * h) if entry.name == LEAST_LOAD else shift)
     return below / above if entry.lower else above / below
 
 

@@ -1,7 +1,7 @@
-"""The values of limits to which the search for a route compares, and the shifts of limits on heights.
+"""The values of limits to which the search for a route compares, and the shifts of limits that need not allow zero.
 
-The origin of heights is arbitrary, so a limit b on a height x need not allow zero. The search imposes it as
-(x + s)/(b + s) ≤ 1, where b + s is a length of the problem.
+The origin of heights is arbitrary, and the load on a road is not zero at rest, so a limit b on such a value x need not
+allow zero. The search imposes it as (x + s)/(b + s) ≤ 1, where b + s is a length of the problem, or the size of b.
 """
 
 from typing import Any
@@ -11,6 +11,10 @@ from jaxtyping import Float
 
 from qtraj.foundation.namespace import xp
 from qtraj.path.quantity import quantity
+from qtraj.path.sides import LOWER
+
+LEAST_LOAD = "normal_load" + LOWER
+"""The name of a lower limit on the load."""
 
 
 def tangents(names: tuple[str, ...], bounds: Float[Any, " limits"]) -> Float[Any, " limits"]:
@@ -21,9 +25,12 @@ def tangents(names: tuple[str, ...], bounds: Float[Any, " limits"]) -> Float[Any
 
 
 def is_shifted(name: str) -> bool:
-    """Return whether a limit need not allow zero: a side of a signed value that contains the position."""
+    """Return whether a limit need not allow zero: a side of a signed value that contains the position, or a least load.
+
+    The shift of a load is multiplied by the square of the duration, like gravity.
+    """
     entry = quantity(name)
-    return entry.position and entry.bounds_side and entry.per_time == 0
+    return name == LEAST_LOAD or (entry.position and entry.bounds_side and entry.per_time == 0)
 
 
 def scales(names: tuple[str, ...], bounds: Float[Any, " limits"], sizes: Any = None) -> dict[str, Any]:

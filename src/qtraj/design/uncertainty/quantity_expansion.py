@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from qtraj.algebra.jets import Jet, coordinates, sqrt
+from qtraj.path.channel import MAGNITUDES
 from qtraj.path.frenet import Invariants
 from qtraj.path.path_quantity import PathQuantity
 
@@ -68,14 +69,19 @@ def _jet(entry: PathQuantity, i: Invariants) -> Jet:
     component = entry.component
     if entry.signed is None and component is not None:
         # A magnitude has the standard deviation of its signed value, also where it is zero.
-        found = _angle(entry, _quotient(component, i))
-        return found * np.where(found.value < 0, -1.0, 1.0)
+        return _magnitude(_angle(entry, _quotient(component, i)))
     found = _quotient(entry, i)
+    if entry.variable in MAGNITUDES:
+        return _magnitude(found)
     if entry.signed is None:
         found = sqrt(found)
         # The length of a vector has no derivative at zero.
         found = found.apply(found.value, np.where(found.value == 0, np.nan, 1.0), 0.0)
     return _angle(entry, found)
+
+
+def _magnitude(found: Jet) -> Jet:
+    return found * np.where(found.value < 0, -1.0, 1.0)
 
 
 def _quotient(entry: Any, i: Invariants) -> Jet:

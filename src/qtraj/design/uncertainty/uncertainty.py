@@ -25,6 +25,7 @@ from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, times_text
 from qtraj.foundation.seconds import seconds
 from qtraj.foundation.types import ArrayInput
+from qtraj.path.channel import MAGNITUDES
 from qtraj.path.own_name import OwnName, name_of
 from qtraj.path.own_quantity import Quantity as OwnQuantity
 from qtraj.path.path_quantity import VEHICLE, PathQuantity
@@ -44,6 +45,7 @@ VECTORS = {"position": "m", "velocity": "m s-1", "acceleration": "m s-2", "jerk"
 ENTRIES = {HEADING.name: HEADING} | {
     entry.variable: entry for name in QUANTITIES.values() for entry in (quantity(upper_side(name)), name)
 }
+ENTRIES |= MAGNITUDES
 """The quantities by the names of the outputs of `evaluate`."""
 
 DEFAULT = ("position", "heading", "horizontal_curvature", "yaw_rate", "lateral_acceleration")

@@ -9,11 +9,12 @@ from qtraj.design.fitting.facts import FACTS, TITLE, fact_rows
 from qtraj.design.fitting.route_facts import TITLE as ROUTE_TITLE
 from qtraj.design.proof.certificate import ACTIVE_MARGIN
 from qtraj.design.tuning.outcome import Tuned
-from qtraj.io.dataset import LIMIT_VARIABLES, bounded_values, finding_names, limit_attribute
+from qtraj.io.dataset import LIMIT_VARIABLES, bounded_values, limit_attribute
+from qtraj.io.findings import FINDING, finding_names
 from qtraj.io.route_dataset import ROUTE_FACT, ROUTE_FACT_TEXT
 from qtraj.path.boundary import BoundaryState, cylindrical
 from qtraj.path.deviation import max_deviation
-from qtraj.path.quantity import CORRIDOR, QUANTITIES, quantity
+from qtraj.path.quantity import QUANTITIES, quantity
 from qtraj.path.sides import upper_side
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.vehicle_data import PREFIX
@@ -82,10 +83,7 @@ def _limits(paths: Mapping[str, xarray.Dataset], tuned: Tuned | None) -> Table:
                 cells = _certified(tuned, limit_name) if tuned is not None and certified else _stored(path, limit_name)
                 heading = f"{limit_name.replace('_', ' ')} [{unit(path[name].attrs['units'])}]"
                 rows.append([heading, label, *cells])
-    for label, path in paths.items():
-        finding = f"finding_{CORRIDOR.name}"
-        if finding in path and str(path[finding].values):
-            rows.append([f"{CORRIDOR.name} [{CORRIDOR.label}]", label, *_stored(path, CORRIDOR.name)])
+    rows += _others(paths)
     meanings = [f"{status}: {PROOFS[status]}" for status in dict.fromkeys(row[-1] for row in rows) if status in PROOFS]
     note = "; ".join(
         [
@@ -95,6 +93,23 @@ def _limits(paths: Mapping[str, xarray.Dataset], tuned: Tuned | None) -> Table:
     )
     header = ["limit", "path", "worst value", "limit", "margin", "at [s]", ""]
     return Table("Limits", header, rows, 2, sentence(note) + ".")
+
+
+def _others(paths: Mapping[str, xarray.Dataset]) -> list[list[str]]:
+    """Return rows for findings on limits that are not in the registry: obstacles, a corridor and own quantities."""
+    rows = []
+    for status in dict.fromkeys(
+        str(x) for path in paths.values() for x in path.data_vars if str(x).startswith(FINDING)
+    ):
+        for label, path in paths.items():
+            name = str(path[status].attrs.get("limit_name", "")) if status in path else ""
+            if not name or name in LIMIT_VARIABLES or not str(path[status].values):
+                continue
+            variable = status.removeprefix(FINDING)
+            extreme = next(x for x in (variable, f"largest_{variable}", f"smallest_{variable}") if f"{x}_time" in path)
+            heading = f"{name.replace('_', ' ')} [{unit(path[extreme].attrs['units'])}]"
+            rows.append([heading, label, *_found(path, extreme, str(path[status].values))])
+    return rows
 
 
 def _limits_by_variable(certified: Collection[str]) -> list[tuple[str, str]]:
@@ -119,12 +134,15 @@ def _stored(path: xarray.Dataset, limit_name: str) -> list[str]:
     """Return the cells of a row from the finding in the dataset or, without a finding, from the samples."""
     extreme, status = finding_names(limit_name)
     finding = str(path[status].values) if status in path else ""
-    if finding not in PROOFS:
-        return _sampled(path, limit_name)
+    return _found(path, extreme, finding) if finding in PROOFS else _sampled(path, limit_name)
+
+
+def _found(path: xarray.Dataset, extreme: str, finding: str) -> list[str]:
+    """Return the cells of a row from the variable with the worst value."""
     value, time = (float(path[f"{extreme}{suffix}"]) for suffix in ("", "_time"))
     own = f"{extreme}_limit"
     limit = float(path[own]) if own in path else float(path[extreme].attrs["limit"])
-    margin = quantity(limit_name).side * (limit - value)
+    margin = limit - value if extreme.startswith("largest") else value - limit
     active = finding in ("proved", "sampled") and margin <= ACTIVE_MARGIN * (abs(limit) or 1.0)
     return [number(value), number(limit), "active" if active else number(margin, 3), number(time, 4), finding]
 
