@@ -26,12 +26,14 @@ from qtraj.design.ellipse import OfSpeed
 from qtraj.design.one_sided import scale_and_shift
 from qtraj.design.timing import road
 from qtraj.design.timing.by_speed import Combined, Curve, combined_of, largest_squares, side_by_speed, stacked
-from qtraj.design.timing.road import LOADS, ON_ROAD, ROAD, Road
+from qtraj.design.timing.formulas import Formulas, formulas_of, is_formula
+from qtraj.design.timing.road import LOADS, ON_ROAD, POWER_SIDES, ROAD, Road
 from qtraj.design.timing.sided import RATES, SIDED, SIDES_OF_RATES, SLOWEST, row
 from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import Scalar
 from qtraj.path.components import dot
 from qtraj.path.frenet import Invariants, yaw
+from qtraj.path.own_name import OwnName
 from qtraj.path.quantity import COMBINED, quantity
 from qtraj.path.road_parameters import RoadParameters
 
@@ -41,8 +43,8 @@ UPPER = ("speed", "lateral_acceleration", *RATES, *SIDES_OF_RATES, "angular_rate
 FORMS = ("longitudinal_acceleration", "yaw_acceleration", "vertical_acceleration", "acceleration")
 """Limits on quantities whose squares are quadratic forms in a = u̇² and a' = da/du."""
 
-NAMES = (*UPPER, *FORMS, *SIDED, COMBINED, "jerk", *ROAD)
-"""Limits that depend on the timing. Arrays have this order, and omit absent limits."""
+NAMES = (*UPPER, *FORMS, *SIDED, COMBINED, "jerk", *POWER_SIDES, *ROAD)
+"""Limits that depend on the timing. Arrays have this order, and omit absent limits; those on own quantities follow."""
 
 POWERS = {name: 0.5 * quantity(name).per_time for name in NAMES if name not in (*ON_ROAD, SLOWEST, COMBINED)}
 """For each quantity an exponent p: if a = u̇² is multiplied by a constant k, the quantity is multiplied by k^p.
@@ -59,9 +61,22 @@ STANDING = 1e-8
 def listed(bounds: Collection[str], vehicle: bool) -> tuple[str, ...]:
     """Return the names of the limits in `bounds`, in the order of the rows of arrays.
 
-    With a `vehicle`, the names include all of `ROAD`, even if `bounds` does not.
+    Limits on own quantities precede those of `ROAD`. With a `vehicle`, the names include all of `ROAD`, even if
+    `bounds` does not.
     """
-    return tuple(name for name in NAMES if (vehicle if name in ROAD else name in bounds))
+    own = tuple(name for name in bounds if isinstance(name, OwnName))
+    before = tuple(name for name in NAMES if name in bounds and name not in ROAD)
+    return before + own + (ROAD if vehicle else ())
+
+
+def all_names(bounds: Collection[str]) -> tuple[str, ...]:
+    """Return `NAMES` and the own quantities in `bounds`, the order of the statuses of proofs."""
+    return (*NAMES, *(name for name in bounds if isinstance(name, OwnName)))
+
+
+def uses_vehicle(names: Collection[str]) -> bool:
+    """Return whether a limit needs the parameters of a vehicle."""
+    return any(quantity(name).uses_vehicle for name in names)
 
 
 class Constraints(NamedTuple):
@@ -80,6 +95,7 @@ class Constraints(NamedTuple):
     road: Road | None = None
     bends: Curve | None = None
     combined: Combined | None = None
+    formulas: Formulas | None = None
 
     @property
     def per_node(self) -> int:
@@ -89,6 +105,11 @@ class Constraints(NamedTuple):
     @property
     def before_road(self) -> int:
         """Number of constraints at each node without those of `road`."""
+        return self.before_formulas + (0 if self.formulas is None else len(self.formulas))
+
+    @property
+    def before_formulas(self) -> int:
+        """Number of constraints at each node up to those of `formulas`."""
         return self.before_jerk + (0 if self.jerk is None else len(self.jerk))
 
     @property
@@ -103,8 +124,8 @@ class Constraints(NamedTuple):
 
     @property
     def orders(self) -> int:
-        """Number of components of v that the constraints contain: a, a' and, with a limit on the jerk, a''."""
-        return 2 if self.jerk is None else 3
+        """Number of components of v that the constraints contain: a, a' and, if they contain the jerk, a''."""
+        return 3 if self.jerk is not None or (self.formulas is not None and self.formulas.third) else 2
 
 
 class Parts(NamedTuple):
@@ -117,6 +138,7 @@ class Parts(NamedTuple):
     road: Road | None = None
     bends: Curve | None = None
     combined: Combined | None = None
+    formulas: Formulas | None = None
 
     def constraints(self, largest: Float[Any, "*nodes"]) -> Constraints:
         """Return the constraints with only the lowest upper bound on a at each node, at most `largest`."""
@@ -124,6 +146,7 @@ class Parts(NamedTuple):
         upper = functools.reduce(xp.maximum, self.upper, 1 / largest)
         upper = upper if self.road is None else xp.maximum(upper, self.road.upper)
         upper = upper if self.combined is None else xp.maximum(upper, self.combined.upper)
+        upper = upper if self.formulas is None else xp.maximum(upper, self.formulas.highest)
         return Constraints(upper, *self[1:])
 
 
@@ -190,7 +213,8 @@ def parts(
     lateral = [largest_squares(x, across, i.v) for name, x in by_speed.items() if name in UPPER]
     upper = [_upper(name, i, bounds, moving) if name in bounds else lateral[0] for name in UPPER if name in given]
     combined = combined_of(by_speed[COMBINED], along, across, i.v) if COMBINED in by_speed else None
-    more = {"bends": stacked(curves, i.v), "combined": combined}
+    formulas = formulas_of(r, ahead, unit, given, vehicle) if any(map(is_formula, given)) else None
+    more = {"bends": stacked(curves, i.v), "combined": combined, "formulas": formulas}
     found = Parts(_stacked(upper, (), square), scaled, _stacked(rows, (3,), square), jerk, **more)
     if on_road is None:
         return found

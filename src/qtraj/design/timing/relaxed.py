@@ -123,6 +123,8 @@ def _inverse_rates(p: Parts) -> Float[np.ndarray, " samples"]:
         rows.append(p.combined.upper)
     if p.road is not None:
         rows.append(p.road.upper)
+    if p.formulas is not None:
+        rows.append(p.formulas.highest)
     for (aa, ab), (_, bb) in p.forms:
         rows.append(np.sqrt(np.maximum(aa - np.divide(ab * ab, bb, out=np.zeros_like(bb), where=bb > 0), 0.0)))
     return np.max(rows, axis=0)

@@ -10,7 +10,7 @@ from qtraj.design.by_speed import BySpeed
 from qtraj.design.ellipse import OfSpeed
 from qtraj.design.limits import Limits
 from qtraj.design.obstacles.keep_out import refuse_obstacles
-from qtraj.design.timing.constraints import NAMES
+from qtraj.design.timing.constraints import NAMES, all_names
 from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.sided import SIDES_OF_RATES, SLOWEST
 from qtraj.design.varying import Varying, all_values
@@ -79,7 +79,8 @@ def require_timing_limits(limits: Limits, free: bool) -> tuple[str, ...]:
             f"retime supports only one number as a limit on {base}, but {limits!r} was given: pass a number, and check "
             "the other side with qtraj.certify on the path of the result"
         )
-    if unknown := list(_without_sides(name for name in names if name not in NAMES)):
+    supported = [name for name in all_names(names) if not quantity(name).of_shape or name in NAMES]
+    if unknown := list(_without_sides(name for name in names if name not in supported)):
         raise ValueError(
             f"retime supports limits only on {', '.join(_without_sides(NAMES))}. Remove the limits on "
             f"{', '.join(unknown)}, and check them with qtraj.certify on the path of the result: quantities that "
@@ -181,7 +182,7 @@ def require_bounded_at_stops(names: tuple[str, ...], stops: bool) -> None:
             "at a stop, the acceleration along the path must be limited on both sides: pass longitudinal_acceleration "
             "as a pair of two numbers, such as (-6, 2)"
         )
-    if stops and "power" in names and not bounded and not sides:
+    if stops and {"power", "power_max"} & set(names) and not bounded and not sides:
         raise ValueError(
             "a limit on power does not bound the acceleration at a stop of a route, and no other given limit bounds it "
             f"there. Add a limit on {', '.join(ACCELERATIONS[:-1])} or {ACCELERATIONS[-1]}."

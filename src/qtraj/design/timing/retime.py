@@ -12,13 +12,14 @@ from qtraj.design.limits import Limits, require_limits
 from qtraj.design.proof.certificate import require_float64
 from qtraj.design.timing.braking import Braked, braked
 from qtraj.design.timing.by_speed import one_interval
-from qtraj.design.timing.constraints import NAMES
+from qtraj.design.timing.constraints import all_names, uses_vehicle
 from qtraj.design.timing.creeping import evenly
 from qtraj.design.timing.differentiated import with_derivatives
 from qtraj.design.timing.ends import Begun, begun, known_speeds
 from qtraj.design.timing.judged import judged
 from qtraj.design.timing.laps import require_lap, require_no_stops
 from qtraj.design.timing.outcome import Retimed
+from qtraj.design.timing.own_requirements import require_formulas
 from qtraj.design.timing.part_search import Posed
 from qtraj.design.timing.part_timing import TimedPart, moving_time, timed
 from qtraj.design.timing.parts import STOP_DISTANCE, Part, known_segments, known_zero, of_path, stops_of
@@ -41,7 +42,6 @@ from qtraj.design.timing.requirements import (
 )
 from qtraj.design.timing.result_code import REACHED, accuracy_code
 from qtraj.design.timing.retimed_cells import of_parts
-from qtraj.design.timing.road import ON_ROAD
 from qtraj.design.timing.road_cells import road_of
 from qtraj.design.timing.sources import source
 from qtraj.design.timing.standstill import with_stops
@@ -164,6 +164,7 @@ def retime(
     lap = bool(periodic)
     if lap:
         require_lap(path, start_speed, end_speed)
+    require_formulas(limits, path, (start_speed, end_speed))
     names = require_timing_limits(limits, start_speed is None and end_speed is None and not isinstance(path, Route))
     knots = None if knots is None else require_knots(knots)
     require_tolerance(tolerance)
@@ -177,12 +178,12 @@ def retime(
     require_no_stops(lap, len(parts), any(standing))
     require_bounded_at_stops(names, any(any(part.stops) for part in parts))
     speeds = tuple(speed_at(v, side) for v, side in ((start_speed, "start"), (end_speed, "end")))
-    bounds = {name: given[name] for name in NAMES if name in given}
+    bounds = {name: given[name] for name in all_names(names) if name in given}
     bounds, ends = on_path(bounds, path), (parts[0].start, parts[-1].end)
     require_moving(bounds, speeds, ends, stops_of(parts))
     require_start_and_stop(bounds, speeds, stops_of(parts))
     speeds = tuple(faster_than_bound(v, bounds, u) for v, u in zip(speeds, ends, strict=True))
-    vehicle = limits.vehicle if set(names) & set(ON_ROAD) else None
+    vehicle = limits.vehicle if uses_vehicle(names) else None
     road = None if vehicle is None else road_of(limits, path, is_traced(path, limits, speeds))
     if not is_traced(path, bounds, road, speeds):
         bounds = {name: x if isinstance(x, Varying | OfSpeed) else np.asarray(x) for name, x in bounds.items()}

@@ -113,7 +113,7 @@ def searched(
     """
     of_nodes, between = jax.tree.map(lambda x: np.ascontiguousarray(np.moveaxis(x, 0, -3)), (of_nodes, between))
     program, within = Program(t.nodes, *of_nodes), t.within
-    cells, count, jerk = within.shape[-1], program.constraints.per_node, program.constraints.jerk is not None
+    cells, count, jerk = within.shape[-1], program.constraints.per_node, program.constraints.orders > 2
     with np.errstate(all="ignore"):  # a failed search ends with NaN
         state = _first_iterate(program, start, held)
         size, begins = len(state.steps), int(isinstance(start, Result))
@@ -192,7 +192,8 @@ def lost(between: Parts, r: Result) -> Float[np.ndarray, " cells"]:
 def between_nodes(between: Parts, within: np.ndarray, coefficients: Any) -> Float[Any, "limits *batch cells"]:
     """Return the maxima of `used` in each cell, from samples and parabolas through them."""
     xp = namespace(coefficients, between.upper)
-    rows = used(between, within_cells(within, coefficients, 2 if between.jerk is None else ORDERS))
+    orders = 2 if between.jerk is None and not (between.formulas and between.formulas.third) else ORDERS
+    rows = used(between, within_cells(within, coefficients, orders))
     before, at, after = rows[..., :-2, :], rows[..., 1:-1, :], rows[..., 2:, :]
     bend, change = 2 * at - before - after, after - before
     peak = (bend > 0) & (xp.abs(change) <= 2 * bend)  # the vertex is between the three samples
