@@ -62,6 +62,11 @@ def of_third_order(bounds: Collection[str]) -> bool:
     return "jerk" in bounds or any(isinstance(name, OwnName) and quantity(name).order > 2 for name in bounds)
 
 
+def is_jerk(name: str) -> bool:
+    """Return whether a limit is on the jerk, or on an own quantity in its unit."""
+    return name == "jerk" or (isinstance(name, OwnName) and quantity(name).unit == quantity("jerk").unit)
+
+
 def reduced(name: str, bounds: Mapping[str, Any], fraction: float) -> Any:
     """Return the limit on a formula, stricter by `fraction`."""
     kind = kind_of(name, bounds[name])
@@ -146,12 +151,17 @@ class Formulas(eqx.Module):
     def second_derivatives(
         self, v: Float[Any, orders * nodes], multipliers: Float[Any, rows * nodes]
     ) -> Float[Any, "orders orders *nodes"]:
-        """Return Σ multiplier·(second derivatives), without the part that is not positive semidefinite."""
+        """Return Σ multiplier·(second derivatives), without the part that is not positive semidefinite.
+
+        A quantity per second^k is a^p w with p = (k − 2)/2, where w is linear or convex for accelerations, jerks and
+        the power. As for the jerk in `constraints`, the second derivatives of the power a^p are omitted.
+        """
         v = v[: 3 if self.third else 2]
         n, weights = len(v), multipliers * self._weights(v.ndim - 1)
         total = np.zeros((n, n, *v.shape[1:]))
-        for x, weight in zip(self._rows(v, 2), weights, strict=True):
-            total += weight * np.nan_to_num(x.hessian)
+        for x, weight, name, kind in zip(self._rows(v, 2), weights, self.names, self.kinds, strict=True):
+            power = 0.5 * quantity(name).per_time - 1.0
+            total += weight * np.nan_to_num(_convexified(x, v, power if kind == SIGNED else 2 * power, kind == SQUARE))
         sizes, directions = np.linalg.eigh(np.moveaxis(total, (0, 1), (-2, -1)))
         convex = (directions * np.maximum(sizes, 0.0)[..., None, :]) @ np.swapaxes(directions, -1, -2)
         return np.moveaxis(convex, (-2, -1), (0, 1))
@@ -231,7 +241,7 @@ def formulas_of(
 
 
 def _upper(f: Formulas, moving: Any) -> Float[np.ndarray, rows * nodes]:
-    """Return 1/a for the a = u̇² at which each limit of the kind `UPPER_BOUND` is reached; negative on the other side."""
+    """Return 1/a for the a = u̇² at which each limit of the kind `UPPER_BOUND` is reached; negative on the other one."""
     rows = np.zeros(f.scale.shape)
     if UPPER_BOUND not in f.kinds:
         return rows
@@ -275,6 +285,22 @@ def _ratio(entry: Any, i: Invariants) -> Any:
     denominator = entry.denominator(i)
     zero = ~((denominator.value if isinstance(denominator, Jet) else denominator) > 0)
     return jets.replaced(numerator, zero, 0.0) / jets.replaced(denominator, zero, 1.0)
+
+
+def _convexified(x: Jet, v: Any, power: float, square: bool) -> Any:
+    """Return the second derivatives of x = a^power·m without those of the power; those of a square keep it convex."""
+    if not power:
+        return x.hessian
+    stands = v[0] <= 0
+    a = jets.replaced(jets.variables(v)[0], stands, 1.0)
+    scale = a.apply(a.value**power, power * a.value ** (power - 1), power * (power - 1) * a.value ** (power - 2))
+    m = x * scale.reciprocal()
+    found = scale.value * m.hessian
+    if square:
+        mixed = m.gradient[:, None] * scale.gradient
+        own = scale.gradient[:, None] * scale.gradient
+        found = found + 0.5 * (mixed + mixed.swapaxes(0, 1) + m.value / scale.value * own)
+    return np.where(stands, 0.0, found)
 
 
 def _full(x: Any, v: Any) -> Jet:

@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from qtraj.design.by_speed import BySpeed
 from qtraj.design.timing.constraints import Parts, parts
+from qtraj.design.timing.formulas import is_jerk
 from qtraj.design.varying import strictest
 from qtraj.path.quantity import COMBINED
 
@@ -51,8 +52,9 @@ class Task(NamedTuple):
 
     @property
     def jerk(self) -> float:
-        """The lowest limit on the jerk [m/s³], or infinity."""
-        return min(float(strictest(bounds).get("jerk", np.inf)) for bounds in (self.bounds, *self.others))
+        """The lowest limit on the jerk or on an own quantity in its unit [m/s³], or infinity."""
+        own = [abs(float(x)) for name, x in strictest(self.bounds).items() if is_jerk(name)]
+        return min([np.inf, *own, *(float(strictest(x).get("jerk", np.inf)) for x in self.others)])
 
 
 def relaxed(
