@@ -92,13 +92,21 @@ def rate_degree(entry: Any) -> Fraction | None:
 
     The result is None for other entries. The formula then contains only the velocity and v × r̈, and no gravity.
     """
+    degree = time_degree(entry)
+    if degree is None or any(v not in (VELOCITY, CROSS) for f in entry.own.formula.factors() for v in f.vectors):
+        return None
+    return degree if degree > 0 else None
+
+
+def time_degree(entry: Any) -> Fraction | None:
+    """Return the exponent k of an own quantity that is multiplied by f^k on a path that is traversed f times as fast.
+
+    The result is None for other entries, such as formulas with gravity.
+    """
     formula = None if entry.own is None else entry.own.formula
-    if formula is None or any(v not in (VELOCITY, CROSS) for f in formula.factors() for v in f.vectors):
+    if formula is None or any(f.kind == "parameter" and f.parts[0] == "gravity" for f in formula.factors()):
         return None
-    if any(f.kind == "parameter" and f.parts[0] == "gravity" for f in formula.factors()):
-        return None
-    degree = formula.degree(lambda f: Fraction(sum(1 if v == VELOCITY else 3 for v in f.vectors)))
-    return degree if degree is not None and degree > 0 else None
+    return formula.degree(lambda f: Fraction(sum(v[1] for v in _derivatives_in(f))))
 
 
 def is_zero_at_rest(formula: Product) -> bool:

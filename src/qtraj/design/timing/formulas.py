@@ -222,7 +222,7 @@ def formulas_of(
     r, nodes = np.asarray(r), r.shape[2:]
     r1, r2, r3 = r
     half = 0.5 / unit
-    moving = np.any(r1 == np.stack(ahead), axis=0)
+    moving = np.all(r1 == np.stack(ahead), axis=0)
     size = np.sqrt(np.sum(np.square(ahead), axis=0))
     small = HARDLY * np.sqrt(np.max(np.sum(r1 * r1, axis=0))) / np.where(size > 0, size, 1.0)
     motion = np.stack(
