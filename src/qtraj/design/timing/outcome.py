@@ -26,6 +26,7 @@ from qtraj.foundation.outcome import AbstractOutcome, ResultCode
 from qtraj.foundation.record import Quantity, Record, require_concrete
 from qtraj.foundation.result import batch_prefix, extent
 from qtraj.foundation.types import ArrayInput
+from qtraj.path.clearance_quantity import names_obstacle
 from qtraj.path.quantity import quantity
 from qtraj.path.vehicle import Vehicle
 from qtraj.path.vehicle_data import vehicle_quantities
@@ -46,7 +47,8 @@ class Retimed(AbstractOutcome):
       path is a route, slow motion next to a stop is replaced by a stop, and creeping by an even progress.
     - `duration` [s]: the duration of `path`. Its derivatives are cheaper than those of `path.duration`.
     - `certificate`: the findings on all limits, for the whole path.
-    - `usage` (limits, cells): the largest ratio of each limited quantity to its limit in each cell of `timing`.
+    - `usage` (limits, cells): the largest ratio of each limited quantity to its limit in each cell of `timing`; NaN for
+      limits on the shape and obstacles, which no timing changes.
     - `speeds` (2,) [m/s]: the speeds at the start and at the end.
     - `wanted` (2,) [m/s]: the prescribed speeds at the start and at the end; NaN where free.
     - `code`: a `ResultCode`.
@@ -120,17 +122,25 @@ class Retimed(AbstractOutcome):
         """The relation between the parameter of the original path and time."""
         return self.path.timing
 
+    @property
+    def timing_names(self) -> tuple[str, ...]:
+        """The names of the limits that depend on the timing; those on the shape and on obstacles follow them."""
+        names = self.certificate.names
+        return tuple(name for name in names if not (names_obstacle(name) or quantity(name).of_shape))
+
     def intervals(self, name: str, part: float = 0.99) -> list[tuple[float, float]]:
         """Return the time intervals (start, end) [s] in which a quantity reaches at least `part` times its limit.
 
         An interval consists of whole cells of the timing.
 
-        **Raises:** ValueError for the result of a batch, or for a limit that was not given.
+        **Raises:** ValueError for the result of a batch, and for a limit that was not given or that no timing changes.
         """
         if self.code.ndim:
             raise ValueError("intervals are available for the result of one path, but this is the result of a batch")
         if name not in self.certificate.names:
             raise ValueError(f"no limit on {name!r} was given; the limits are {', '.join(self.certificate.names)}")
+        if name not in self.timing_names:
+            raise ValueError(f"the limit on {name!r} does not depend on the timing, so it has no time intervals")
         near = np.asarray(self.usage)[self.certificate.names.index(name)] >= part
         edges = np.flatnonzero(np.diff(np.concatenate([[False], near, [False]])))
         times = np.asarray(self.timing.times)

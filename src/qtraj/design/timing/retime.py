@@ -43,6 +43,7 @@ from qtraj.design.timing.requirements import (
 from qtraj.design.timing.result_code import REACHED, accuracy_code
 from qtraj.design.timing.retimed_cells import of_parts
 from qtraj.design.timing.road_cells import road_of
+from qtraj.design.timing.shape_limits import require_checkable, with_shape_limits
 from qtraj.design.timing.sources import source
 from qtraj.design.timing.standstill import with_stops
 from qtraj.design.timing.timing import RetimedPath, speeds_at_ends
@@ -164,6 +165,7 @@ def retime(
     lap = bool(periodic)
     if lap:
         require_lap(path, start_speed, end_speed)
+    require_checkable(limits, path, (start_speed, end_speed))
     require_formulas(limits, path, (start_speed, end_speed))
     names = require_timing_limits(limits, start_speed is None and end_speed is None and not isinstance(path, Route))
     knots = None if knots is None else require_knots(knots)
@@ -196,6 +198,7 @@ def retime(
     more |= {"braking_time": time, "braking_distance": distance}
     more["bounds"] = table(bounds, names, found[0].timing.knots, lambda: speeds_at_ends(found[0]))
     retimed = Retimed(*found, vehicle=vehicle, of_shape=of_shape, combined=limits.combined_acceleration, **more)
+    retimed = with_shape_limits(retimed, limits)
     return retimed.check() if throw else retimed
 
 
