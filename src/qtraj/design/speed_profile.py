@@ -275,8 +275,8 @@ def _is_power(name: str) -> bool:
 
 def _bounds(timed: Retimed, limits: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k n"]:
     """Return the limits at the samples: those of the cell that follows, and at the end those of the last cell."""
-    cells = np.shape(timed.timing.coefficients)[0]
-    given = np.repeat(limits[:, None], cells, axis=1) if timed.bounds is None else np.asarray(timed.bounds)[: len(limits)]
+    constant = np.repeat(limits[:, None], np.shape(timed.timing.coefficients)[0], axis=1)
+    given = constant if timed.bounds is None else np.asarray(timed.bounds)[: len(limits)]
     each = np.repeat(given, PER_CELL, axis=1)
     return np.append(each, given[:, -1:], axis=1)
 

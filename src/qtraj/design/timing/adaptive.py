@@ -26,7 +26,7 @@ from qtraj.design.timing.cells import (
     with_positive,
 )
 from qtraj.design.timing.constraints import POWERS
-from qtraj.design.timing.formulas import is_coupled
+from qtraj.design.timing.formula_limits import is_coupled
 from qtraj.design.timing.part_search import Drafted, Posed, Searched, first_search, searched, shape_of, task_of
 from qtraj.design.timing.parts import Part
 from qtraj.design.timing.relaxed import Task

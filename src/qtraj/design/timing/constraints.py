@@ -26,7 +26,8 @@ from qtraj.design.ellipse import OfSpeed
 from qtraj.design.one_sided import scale_and_shift
 from qtraj.design.timing import road
 from qtraj.design.timing.by_speed import Combined, Curve, combined_of, largest_squares, side_by_speed, stacked
-from qtraj.design.timing.formulas import Formulas, formulas_of, is_formula
+from qtraj.design.timing.formula_limits import is_formula
+from qtraj.design.timing.formulas import Formulas, formulas_of
 from qtraj.design.timing.road import LOADS, ON_ROAD, POWER_SIDES, ROAD, Road
 from qtraj.design.timing.sided import RATES, SIDED, SIDES_OF_RATES, SLOWEST, row
 from qtraj.foundation.namespace import namespace

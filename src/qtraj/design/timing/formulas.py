@@ -6,9 +6,7 @@ only the velocity and v × r̈ is a power of a, so its limit is an upper bound o
 Hessian of the Lagrangian then omits their negative curvature, as for the power (see `road`).
 """
 
-from __future__ import annotations
-
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import equinox as eqx
@@ -18,11 +16,10 @@ from jaxtyping import Float
 from qtraj.algebra import jets
 from qtraj.algebra.jets import Jet
 from qtraj.design.ellipse import OfSpeed
-from qtraj.design.one_sided import scale_and_shift, stricter, value_at
+from qtraj.design.one_sided import scale_and_shift
+from qtraj.design.timing.formula_limits import LOWER_SQUARE, SIGNED, SQUARE, UPPER_BOUND, exponent, kind_of, of_lower
 from qtraj.design.timing.road import POWER_SIDES
-from qtraj.design.varying import all_values
 from qtraj.path.frenet import Invariants
-from qtraj.path.own_facts import rate_degree
 from qtraj.path.own_name import OwnName
 from qtraj.path.quantity import quantity
 from qtraj.path.road_parameters import RoadParameters
@@ -32,58 +29,6 @@ STANDS = 1e-30
 
 HARDLY = 1e-8
 """The velocity of the path where it is zero, relative to its maximum, for the direction of motion there."""
-
-UPPER_BOUND, SIGNED, SQUARE, LOWER_SQUARE = "upper bound", "signed", "square", "lower square"
-"""How a limit is imposed: as an upper bound on a, on the value, on its square, and as a lower bound on its square."""
-
-
-def is_formula(name: str) -> bool:
-    """Return whether a limit is imposed as described in this module."""
-    return isinstance(name, OwnName) or name in POWER_SIDES
-
-
-def kind_of(name: str, bound: Any) -> str:
-    """Return how a limit is imposed."""
-    entry = quantity(name)
-    if rate_degree(entry) and (not entry.base or (entry.side * all_values(bound) > 0).all()):
-        return UPPER_BOUND
-    if entry.signed is not None:
-        return SIGNED
-    return LOWER_SQUARE if entry.lower else SQUARE
-
-
-def is_coupled(bounds: Mapping[str, Any]) -> bool:
-    """Return whether a limit on a formula couples speed and acceleration, or is a lower bound."""
-    return any(is_formula(name) and kind_of(name, x) != UPPER_BOUND for name, x in bounds.items())
-
-
-def of_third_order(bounds: Collection[str]) -> bool:
-    """Return whether the limits contain the third derivative of the motion."""
-    return "jerk" in bounds or any(isinstance(name, OwnName) and quantity(name).order > 2 for name in bounds)
-
-
-def is_jerk(name: str) -> bool:
-    """Return whether a limit is on the jerk, or on an own quantity in its unit."""
-    return name == "jerk" or (isinstance(name, OwnName) and quantity(name).unit == quantity("jerk").unit)
-
-
-def reduced(name: str, bounds: Mapping[str, Any], fraction: float) -> Any:
-    """Return the limit on a formula, stricter by `fraction`."""
-    kind = kind_of(name, bounds[name])
-    if kind == SIGNED:
-        return stricter(name, bounds, fraction)
-    return bounds[name] * (1 + fraction if kind == LOWER_SQUARE else 1 - fraction)
-
-
-def value_of(usage: Any, name: str, bounds: Mapping[str, Any]) -> Any:
-    """Return the value of a formula from the result of `Formulas.used`."""
-    bound = bounds[name]
-    if quantity(name).signed is not None:
-        return value_at(usage, name, bounds)
-    if kind_of(name, bound) == LOWER_SQUARE:
-        scale, shift = _of_lower(np.asarray(bound))
-        return np.sqrt(np.maximum(shift - usage * scale, 0.0))
-    return usage * bound
 
 
 class Formulas(eqx.Module):
@@ -100,10 +45,10 @@ class Formulas(eqx.Module):
     third: bool = eqx.field(static=True)
     motion: Float[Any, "6 3 *nodes"]
     vehicle: Any
-    scale: Float[Any, rows * nodes]
-    shift: Float[Any, rows * nodes]
-    upper: Float[Any, rows * nodes]
-    factors: Float[Any, rows * nodes]
+    scale: Float[Any, "rows * nodes"]
+    shift: Float[Any, "rows * nodes"]
+    upper: Float[Any, "rows * nodes"]
+    factors: Float[Any, "rows * nodes"]
 
     def __len__(self) -> int:
         return len(self.names)
@@ -118,38 +63,38 @@ class Formulas(eqx.Module):
     def powers(self) -> np.ndarray:
         """The power of a factor with which each constraint is multiplied if its limit is divided by the factor."""
         of_kind = {SIGNED: 1.0, SQUARE: 2.0, LOWER_SQUARE: 1.0}
-        return np.array([of_kind.get(k) or 1 / _exponent(n) for n, k in zip(self.names, self.kinds, strict=True)])
+        return np.array([of_kind.get(k) or 1 / exponent(n) for n, k in zip(self.names, self.kinds, strict=True)])
 
-    def tightened(self, factors: Float[Any, rows * nodes]) -> Formulas:
+    def tightened(self, factors: Float[Any, "rows * nodes"]) -> "Formulas":
         """Return the same constraints with their limits divided by `factors`."""
         return eqx.tree_at(lambda x: x.factors, self, self.factors * factors)
 
-    def without(self, omitted: Any) -> Formulas:
+    def without(self, omitted: Any) -> "Formulas":
         """Return the same constraints, which are always satisfied at the nodes where `omitted` is true."""
         return eqx.tree_at(lambda x: x.factors, self, np.where(omitted, 0.0, self.factors))
 
-    def used(self, v: Float[Any, orders * nodes]) -> Float[Any, rows * nodes]:
+    def used(self, v: Float[Any, "orders * nodes"]) -> Float[Any, "rows * nodes"]:
         """Return the ratio of each quantity to its limit, or the imposed function for a limit on one side."""
         found = self._rows(v, 0)
         rows = []
         for x, name, kind in zip(found, self.names, self.kinds, strict=True):
             if kind == UPPER_BOUND:
-                x = np.sign(x) * np.abs(x) ** _exponent(name)
+                x = np.sign(x) * np.abs(x) ** exponent(name)
             rows.append(np.sqrt(np.maximum(x, 0.0)) if kind == SQUARE else x)
         return np.stack(rows)
 
-    def values(self, v: Float[Any, orders * nodes]) -> Float[Any, rows * nodes]:
+    def values(self, v: Float[Any, "orders * nodes"]) -> Float[Any, "rows * nodes"]:
         """Return the constraint values, which must not be positive."""
         powers = self.powers.reshape(-1, *(1,) * (v.ndim - 1))
         return np.where(self.factors > 0, self.factors**powers * np.stack(self._rows(v, 0)), 0.0) - 1
 
-    def gradients(self, v: Float[Any, orders * nodes]) -> Float[Any, "rows orders *nodes"]:
+    def gradients(self, v: Float[Any, "orders * nodes"]) -> Float[Any, "rows orders *nodes"]:
         """Return the gradients of `values` with respect to the components of v."""
         rows = [x.gradient for x in self._rows(v, 1)]
         return self._weights(v.ndim - 1)[:, None] * np.stack(rows)
 
     def second_derivatives(
-        self, v: Float[Any, orders * nodes], multipliers: Float[Any, rows * nodes]
+        self, v: Float[Any, "orders * nodes"], multipliers: Float[Any, "rows * nodes"]
     ) -> Float[Any, "orders orders *nodes"]:
         """Return Σ multiplier·(second derivatives), without the part that is not positive semidefinite.
 
@@ -166,11 +111,11 @@ class Formulas(eqx.Module):
         convex = (directions * np.maximum(sizes, 0.0)[..., None, :]) @ np.swapaxes(directions, -1, -2)
         return np.moveaxis(convex, (-2, -1), (0, 1))
 
-    def _weights(self, ndim: int) -> Float[Any, rows * nodes]:
+    def _weights(self, ndim: int) -> Float[Any, "rows * nodes"]:
         powers = self.powers.reshape(-1, *(1,) * ndim)
         return np.where(self.factors > 0, self.factors**powers, 0.0)
 
-    def _rows(self, v: Float[Any, orders * nodes], order: int) -> list[Any]:
+    def _rows(self, v: Float[Any, "orders * nodes"], order: int) -> list[Any]:
         """Return the imposed functions: as arrays for `order` 0, and as jets of order 1 or 2."""
         v = v[: 3 if self.third else 2]
         if order == 0:
@@ -240,7 +185,7 @@ def formulas_of(
     return eqx.tree_at(lambda x: x.upper, found, _upper(found, moving))
 
 
-def _upper(f: Formulas, moving: Any) -> Float[np.ndarray, rows * nodes]:
+def _upper(f: Formulas, moving: Any) -> Float[np.ndarray, "rows * nodes"]:
     """Return 1/a for the a = u̇² at which each limit of the kind `UPPER_BOUND` is reached; negative on the other one."""
     rows = np.zeros(f.scale.shape)
     if UPPER_BOUND not in f.kinds:
@@ -253,13 +198,8 @@ def _upper(f: Formulas, moving: Any) -> Float[np.ndarray, rows * nodes]:
             x = _ratio(entry, i)
             x = entry.side * x if entry.signed is not None else np.sqrt(np.maximum(x, 0.0))
             x = x / f.scale[k]
-            rows[k] = np.where(moving, np.sign(x) * np.abs(x) ** (1 / _exponent(name)), 0.0)
+            rows[k] = np.where(moving, np.sign(x) * np.abs(x) ** (1 / exponent(name)), 0.0)
     return rows
-
-
-def _exponent(name: str) -> float:
-    """Return the exponent with which the quantity depends on a = u̇²."""
-    return 0.5 * float(rate_degree(quantity(name)) or 2)
 
 
 def _scale_and_shift(name: str, kind: str, bounds: Mapping[str, Any]) -> tuple[Any, Any]:
@@ -267,14 +207,8 @@ def _scale_and_shift(name: str, kind: str, bounds: Mapping[str, Any]) -> tuple[A
     if kind == SQUARE:
         return bound**2, 0.0
     if kind == LOWER_SQUARE:
-        return _of_lower(bound)
+        return of_lower(bound)
     return scale_and_shift(name, bounds) if quantity(name).signed is not None else (bound, 0.0)
-
-
-def _of_lower(bound: np.ndarray) -> tuple[Any, Any]:
-    """Return scale and shift of a lower bound on a square; a bound that is not positive is always satisfied."""
-    square = np.maximum(bound, 0.0) ** 2
-    return np.where(square > 0, square, 1.0), 2 * square
 
 
 def _ratio(entry: Any, i: Invariants) -> Any:

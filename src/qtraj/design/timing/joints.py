@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from qtraj.design.timing.constraints import UPPER
-from qtraj.design.timing.formulas import of_third_order
+from qtraj.design.timing.formula_limits import of_third_order
 from qtraj.design.timing.parts import CONTINUOUS
 from qtraj.design.timing.retimed_cells import Cells, motion_at
 from qtraj.design.timing.sided import SLOWEST

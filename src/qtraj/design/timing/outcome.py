@@ -60,7 +60,8 @@ class Retimed(AbstractOutcome):
       except for errors of sampling: the distance from a timing that ignores the coupling. With such a limit it is the
       smaller one of this bound and of an estimate: the time gained if all cells are halved, and at least as much again
       for all further halvings. If halvings do not gain less and less, there is no estimate, and `gap` is the bound,
-      which may be far too large. With a limit on jerk or power, the estimate is for the local minimum. NaN if the
+      which may be far too large. With a limit on jerk, power or an own quantity, the
+      estimate is for the local minimum. NaN if the
       number of cells was given, if the path or a limit was traced, if the duration was prescribed, or if a limit on the
       lateral acceleration by speed rises so steeply that faster speeds may be allowed again, which `retime` does not
       use.

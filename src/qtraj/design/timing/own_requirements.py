@@ -4,7 +4,7 @@ from typing import Any
 
 from qtraj.design.limits import Limits
 from qtraj.design.own_limits import require_reduced
-from qtraj.design.timing.formulas import is_formula
+from qtraj.design.timing.formula_limits import is_formula
 from qtraj.foundation.arrays import is_traced
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.own_facts import POSITION, vectors_of

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from qtraj.design.ellipse import OfSpeed
 from qtraj.design.timing.bodies import rows_of
 from qtraj.design.timing.cells import Shape
-from qtraj.design.timing.formulas import of_third_order
+from qtraj.design.timing.formula_limits import of_third_order
 from qtraj.design.timing.grid import Grid, path_derivatives
 from qtraj.design.timing.parts import Part, known_segments
 from qtraj.design.timing.relaxed import Task

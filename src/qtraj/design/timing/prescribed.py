@@ -92,5 +92,6 @@ def _exponent(name: str, bound: Any) -> float:
     """Return the exponent of the factor; a limit that does not allow zero does not change."""
     entry = quantity(name)
     per_time = 2 if name == COMBINED else float(time_degree(entry) or 0) if entry.own else entry.per_time
-    excludes_zero = (name in SIDED or (entry.own and entry.base)) and (quantity(name).side * all_values(bound) <= 0).any()
+    sided = name in SIDED or bool(entry.own and entry.base)
+    excludes_zero = sided and (entry.side * all_values(bound) <= 0).any()
     return 0.0 if name in ON_ROAD or per_time < 2 or excludes_zero else 0.5 * per_time

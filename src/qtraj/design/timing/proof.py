@@ -24,7 +24,7 @@ from qtraj.design.proof.units import constants, times_power
 from qtraj.design.timing.cell_claims import THIRD, CellClaims
 from qtraj.design.timing.cell_motions import CellMotions
 from qtraj.design.timing.constraints import all_names
-from qtraj.design.timing.formulas import of_third_order
+from qtraj.design.timing.formula_limits import of_third_order
 from qtraj.design.timing.grid import Grid
 from qtraj.design.timing.road import POWER_SIDES, ROAD
 from qtraj.design.timing.roots import Enclosure, enclosure

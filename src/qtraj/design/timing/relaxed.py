@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from qtraj.design.by_speed import BySpeed
 from qtraj.design.timing.constraints import Parts, parts
-from qtraj.design.timing.formulas import is_jerk
+from qtraj.design.timing.formula_limits import is_jerk
 from qtraj.design.varying import strictest
 from qtraj.path.quantity import COMBINED
 

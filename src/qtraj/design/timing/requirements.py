@@ -79,7 +79,8 @@ def require_timing_limits(limits: Limits, free: bool) -> tuple[str, ...]:
         )
     if unknown := list(_without_sides(name for name in names if name not in all_names(names))):
         raise ValueError(
-            f"retime supports limits only on quantities of the shape, such as the curvature, and on {', '.join(_without_sides(NAMES))}. Remove the limits on "
+            f"retime supports limits only on quantities of the shape, such as the curvature, on own quantities, and on "
+            f"{', '.join(_without_sides(NAMES))}. Remove the limits on "
             f"{', '.join(unknown)}, and check them with qtraj.certify on the path of the result."
         )
     require_sides(limits)

@@ -75,11 +75,14 @@ def retime(
 ) -> Retimed:
     """Compute the fastest timing along `path` that satisfies `limits`; the shape of the path does not change.
 
-    `limits` may contain only limits that depend on the timing: `speed`, `acceleration`, `lateral_acceleration`,
-    `longitudinal_acceleration`, `vertical_speed`, `vertical_acceleration`, `jerk`, `yaw_rate`, `yaw_acceleration`,
-    `curvature_rate`, `angular_rate` and, with a vehicle, `friction`, `power` and `normal_load`. `speed`,
-    `vertical_speed`, `yaw_rate`, `curvature_rate`, the load, and the longitudinal, vertical and yaw acceleration may
-    have two sides, as in `longitudinal_acceleration=(-6, 2)`.
+    `limits` may contain `speed`, `acceleration`, `lateral_acceleration`, `longitudinal_acceleration`, `vertical_speed`,
+    `vertical_acceleration`, `jerk`, `yaw_rate`, `yaw_acceleration`, `curvature_rate`, `angular_rate` and, with a
+    vehicle, `friction`, `power` and `normal_load`. `speed`, `vertical_speed`, `yaw_rate`, `curvature_rate`, the power,
+    the load, and the longitudinal, vertical and yaw acceleration may have two sides, as in
+    `longitudinal_acceleration=(-6, 2)`. Own quantities (`Quantity`) may contain derivatives up to the jerk, but not the
+    position. Where an own quantity divides by the speed, its value at an instant at rest is its limit there. Limits on
+    quantities of the shape, such as the curvature, and obstacles that do not move are the same for every timing: they
+    are checked once, and are part of the certificate.
 
     Limits may change along the way (`Along`): in a cell in which a limit changes, its strictest value holds, and such
     cells are small.
@@ -125,7 +128,7 @@ def retime(
     acceleration and the second derivative of u̇²(u) are continuous. So the limits are proved on a lap that is repeated.
 
     An interior-point method minimises the duration. The cost of a step is proportional to the number of cells. Without
-    limits on jerk and power the problem is convex. Limits are imposed at the knots and at one point inside each cell,
+    limits on jerk, power and own quantities the problem is convex. Limits are imposed at the knots and at one point inside each cell,
     and are tightened in cells where they are violated between these points. If the path is polynomial, the limits are
     then proved to be satisfied on every cell. At a stop, friction and power count as zero. `duration`, `path` and
     `speeds` are differentiable with respect to the path and the limits, in forward and reverse mode; the largest values
@@ -138,9 +141,10 @@ def retime(
     friction and accelerations bound the speed only if a speed is given at one end, and a limit on power only if
     `start_speed` is given.
 
-    **Raises:** ValueError for limits that do not depend on the timing, free speeds without a limit that can bound them,
+    **Raises:** ValueError for limits that are not supported, obstacles that move, free speeds without a limit that can bound them,
     limits and speeds whose powers overflow, a negative speed, `knots` that is not a power of two from 16 to 16384, a
-    wrong `tolerance` or `duration`, a `duration` with traced arguments, a traced path in float32, a path that has a
+    wrong `tolerance` or `duration`, a `duration`, own quantities, sides of the power, limits on the shape or obstacles
+    with traced arguments, a traced path in float32, a path that has a
     timing already, a batch, a path other than a route whose velocity is zero at an instant, a route inside `jit` or
     `vmap` or with differentiated times, a route that is always at rest, has a velocity of zero within a segment, or
     whose velocity jumps (with a limit on the jerk, also a route whose acceleration jumps), and a route with stops and a

@@ -9,9 +9,9 @@ import numpy as np
 
 from qtraj.design.by_speed import BySpeed
 from qtraj.design.limits import Limits, require_limits
+from qtraj.design.obstacles.keep_out import refuse_obstacles
 from qtraj.design.timing.bodies import SUPPORTED
 from qtraj.design.timing.parts import Part, known_segments, of_path, standing_ends
-from qtraj.design.obstacles.keep_out import refuse_obstacles
 from qtraj.design.timing.requirements import require_timing_limits
 from qtraj.path.route import Route
 
