@@ -37,8 +37,7 @@ if TYPE_CHECKING:
 PER_CELL, REACHED, STILL = 4, 0.99, 1e-12
 """Number of samples in each cell of the timing; a limit is reached if the quantity is at least this fraction of it, and
 a speed counts as zero below this fraction of the highest speed."""
-ORDER = 3
-"""The highest order of a derivative of the path in a limit."""
+ORDER = 3  # the highest order of a derivative of the path in a limit
 
 
 class SpeedProfile(AbstractResult):

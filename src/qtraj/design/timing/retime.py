@@ -16,6 +16,7 @@ from qtraj.design.timing.constraints import all_names, uses_vehicle
 from qtraj.design.timing.creeping import evenly
 from qtraj.design.timing.differentiated import with_derivatives
 from qtraj.design.timing.ends import Begun, begun, known_speeds
+from qtraj.design.timing.formula_limits import of_third_order
 from qtraj.design.timing.judged import judged
 from qtraj.design.timing.laps import require_lap, require_no_stops
 from qtraj.design.timing.outcome import Retimed
@@ -128,28 +129,28 @@ def retime(
     acceleration and the second derivative of u̇²(u) are continuous. So the limits are proved on a lap that is repeated.
 
     An interior-point method minimises the duration. The cost of a step is proportional to the number of cells. Without
-    limits on jerk, power and own quantities the problem is convex. Limits are imposed at the knots and at one point inside each cell,
-    and are tightened in cells where they are violated between these points. If the path is polynomial, the limits are
-    then proved to be satisfied on every cell. At a stop, friction and power count as zero. `duration`, `path` and
-    `speeds` are differentiable with respect to the path and the limits, in forward and reverse mode; the largest values
-    of the certificate are constants. `jax.vmap` and `jax.lax.map` create batches. A route must have known values, as
-    under `grad` and `jvp` outside `jit` and `vmap`; it has derivatives with respect to the states of its joints, but
-    not with respect to their times, or to velocities and accelerations of zero at stops. In all derivatives the cells
-    and the tightening are constant. The limits of a route may be traced.
+    limits on jerk, power and own quantities the problem is convex. Limits are imposed at the knots and at one point
+    inside each cell, and are tightened in cells where they are violated between these points. If the path is
+    polynomial, the limits are then proved to be satisfied on every cell. At a stop, friction and power count as zero.
+    `duration`, `path` and `speeds` are differentiable with respect to the path and the limits, in forward and reverse
+    mode; the largest values of the certificate are constants. `jax.vmap` and `jax.lax.map` create batches. A route must
+    have known values, as under `grad` and `jvp` outside `jit` and `vmap`; it has derivatives with respect to the states
+    of its joints, but not with respect to their times, or to velocities and accelerations of zero at stops. In all
+    derivatives the cells and the tightening are constant. The limits of a route may be traced.
 
     The limits must bound the speed, otherwise the result has the code `speed_unbounded`. On a straight path, limits on
     friction and accelerations bound the speed only if a speed is given at one end, and a limit on power only if
     `start_speed` is given.
 
-    **Raises:** ValueError for limits that are not supported, obstacles that move, free speeds without a limit that can bound them,
-    limits and speeds whose powers overflow, a negative speed, `knots` that is not a power of two from 16 to 16384, a
-    wrong `tolerance` or `duration`, a `duration`, own quantities, sides of the power, limits on the shape or obstacles
-    with traced arguments, a traced path in float32, a path that has a
-    timing already, a batch, a path other than a route whose velocity is zero at an instant, a route inside `jit` or
-    `vmap` or with differentiated times, a route that is always at rest, has a velocity of zero within a segment, or
-    whose velocity jumps (with a limit on the jerk, also a route whose acceleration jumps), and a route with stops and a
-    limit on power but none on acceleration, friction or jerk; with `periodic`, for a path that does not end as it
-    starts or has stops, and for a speed at an end. RuntimeError with `throw` if the retiming fails.
+    **Raises:** ValueError for limits that are not supported, obstacles that move, free speeds without a limit that can
+    bound them, limits and speeds whose powers overflow, a negative speed, `knots` that is not a power of two from 16 to
+    16384, a wrong `tolerance` or `duration`, a `duration`, own quantities, sides of the power, limits on the shape or
+    obstacles with traced arguments, a traced path in float32, a path that has a timing already, a batch, a path other
+    than a route whose velocity is zero at an instant, a route inside `jit` or `vmap` or with differentiated times, a
+    route that is always at rest, has a velocity of zero within a segment, or whose velocity jumps (with a limit on the
+    jerk, also a route whose acceleration jumps), and a route with stops and a limit on power but none on acceleration,
+    friction or jerk; with `periodic`, for a path that does not end as it starts or has stops, and for a speed at an
+    end. RuntimeError with `throw` if the retiming fails.
     """
     of_shape = isinstance(path, Shape)
     if isinstance(path, Shape):
@@ -180,7 +181,7 @@ def retime(
         path = with_stops(path, known_segments(path), stop_speed, stop_distance)
     path = evenly(path) if isinstance(path, Route) else path
     with np.errstate(over="ignore"):  # reported below
-        parts, standing = of_path(path, names, of_shape)
+        parts, standing = of_path(path, (*names, *(["jerk"] if of_third_order(names) else [])), of_shape)
     require_no_stops(lap, len(parts), any(standing))
     require_bounded_at_stops(names, any(any(part.stops) for part in parts))
     speeds = tuple(speed_at(v, side) for v, side in ((start_speed, "start"), (end_speed, "end")))

@@ -42,7 +42,8 @@ def certify_retimed(path: RetimedPath, limits: Limits, certify: Certify) -> Cert
     """Return the certificate of a retimed path or a batch; `certify` certifies paths other than routes.
 
     Limits on the timing and constant limits on own quantities are proved as in `retime`, and limits on the shape are
-    proved on the original path. All other limits are sampled. If the cells of the timing are not parts of a polynomial path, all limits are sampled.
+    proved on the original path. All other limits are sampled. If the cells of the timing are not parts of a polynomial
+    path, all limits are sampled.
     """
     batch, given = path.duration.shape, tuple(limits.given())
     limits.require_batch(batch, "the paths" if batch else "the path")
