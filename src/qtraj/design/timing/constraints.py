@@ -66,7 +66,8 @@ def listed(bounds: Collection[str], vehicle: bool) -> tuple[str, ...]:
     `bounds` does not.
     """
     own = tuple(name for name in bounds if isinstance(name, OwnName))
-    before = tuple(name for name in NAMES if name in bounds and name not in ROAD)
+    absent = ROAD if vehicle else (*ROAD, *POWER_SIDES)
+    before = tuple(name for name in NAMES if name in bounds and name not in absent)
     return before + own + (ROAD if vehicle else ())
 
 
