@@ -178,7 +178,7 @@ def test_paths_that_are_no_laps_are_refused():
     with pytest.raises(ValueError, match="no stops"):
         qt.retime(there + there.reversed(), RACE, periodic=True)
     with pytest.raises(ValueError, match="retime supports limits only on"):
-        qt.retime(circle(), qt.Limits(curvature=1.0, speed=3.0))
+        qt.retime(circle(), qt.Limits(lateral_jerk=1.0, speed=3.0))
 
 
 @pytest.mark.parametrize("count", [16, 17])

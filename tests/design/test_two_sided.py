@@ -487,7 +487,7 @@ def test_pairs_that_bound_nothing_are_no_limits():
             lambda: qt.retime(HELIX, qt.Limits(speed=9.0, yaw_rate=(0.1, 0.6))),
             "on yaw_rate must allow zero",
         ),
-        (lambda: qt.retime(HELIX, qt.Limits(speed=9.0, slope=(-0.1, 0.6))), "retime supports limits only on"),
+        (lambda: qt.retime(HELIX, qt.Limits(speed=9.0, tilt=0.6)), "retime supports limits only on"),
         (lambda: qt.tune_route(ROUTE, qt.Limits(yaw_rate=(0.1, 0.6))), "two-sided limits that allow zero"),
     ],
 )

@@ -37,8 +37,7 @@ if TYPE_CHECKING:
 PER_CELL, REACHED, STILL = 4, 0.99, 1e-12
 """Number of samples in each cell of the timing; a limit is reached if the quantity is at least this fraction of it, and
 a speed counts as zero below this fraction of the highest speed."""
-ORDER = 3
-"""The highest order of a derivative of the path in a limit."""
+ORDER = 3  # the highest order of a derivative of the path in a limit
 
 
 class SpeedProfile(AbstractResult):
@@ -166,7 +165,8 @@ def speed_profile(timed: Retimed) -> SpeedProfile:
             "Pass qtraj.retime(path, limits)."
         )
     require_one(timed)
-    names, timing, limits = timed.certificate.names, timed.timing, np.asarray(timed.certificate.limits)
+    names, timing = timed.timing_names, timed.timing
+    limits = np.asarray(timed.certificate.limits)[: len(names)]
     bounds = _bounds(timed, limits)
     knots, rest = np.asarray(timing.knots), timing.rest
     parameter = _places(knots, rest)
@@ -178,7 +178,7 @@ def speed_profile(timed: Retimed) -> SpeedProfile:
     standing = still & (np.append(still[1:], False) | np.append(False, still[:-1]))
     values = np.stack([mended(x, still, standing, name in UPPER) for x, name in zip(found.values, names, strict=True)])
     ends = distance[::PER_CELL]
-    usage = np.asarray(timed.usage)
+    usage = np.asarray(timed.usage)[: len(names)]
     largest = usage.argmax(axis=0)
     active = np.where(usage.max(axis=0) >= REACHED, largest, -1)
     shares = np.sum(np.diff(ends) * (usage >= REACHED), axis=1) / distance[-1]
@@ -274,8 +274,8 @@ def _is_power(name: str) -> bool:
 
 def _bounds(timed: Retimed, limits: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k n"]:
     """Return the limits at the samples: those of the cell that follows, and at the end those of the last cell."""
-    cells = np.shape(timed.timing.coefficients)[0]
-    given = np.repeat(limits[:, None], cells, axis=1) if timed.bounds is None else np.asarray(timed.bounds)
+    constant = np.repeat(limits[:, None], np.shape(timed.timing.coefficients)[0], axis=1)
+    given = constant if timed.bounds is None else np.asarray(timed.bounds)[: len(limits)]
     each = np.repeat(given, PER_CELL, axis=1)
     return np.append(each, given[:, -1:], axis=1)
 

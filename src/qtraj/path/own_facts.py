@@ -87,6 +87,28 @@ def is_shape(formula: Product) -> bool:
     return formula.degree(lambda f: _weight(f, velocity=1, cross=3, triple=6, position=0)) == 0
 
 
+def rate_degree(entry: Any) -> Fraction | None:
+    """Return the degree in 1/s of an entry whose values on a shape depend only on the speed, as a power of it.
+
+    The result is None for other entries. The formula then contains only the velocity and v × r̈, and no gravity.
+    """
+    degree = time_degree(entry)
+    if degree is None or any(v not in (VELOCITY, CROSS) for f in entry.own.formula.factors() for v in f.vectors):
+        return None
+    return degree if degree > 0 else None
+
+
+def time_degree(entry: Any) -> Fraction | None:
+    """Return the exponent k of an own quantity that is multiplied by f^k on a path that is traversed f times as fast.
+
+    The result is None for other entries, such as formulas with gravity.
+    """
+    formula = None if entry.own is None else entry.own.formula
+    if formula is None or any(f.kind == "parameter" and f.parts[0] == "gravity" for f in formula.factors()):
+        return None
+    return formula.degree(lambda f: Fraction(sum(v[1] for v in _derivatives_in(f))))
+
+
 def is_zero_at_rest(formula: Product) -> bool:
     """Return whether a formula has a positive degree in the derivatives of the path."""
     return (formula.degree(_derivatives) or 0) > 0
@@ -98,7 +120,7 @@ def stop_of(formula: Product, shape: bool) -> str:
         return "direction"
     if POSITION in vectors_of(formula):  # only the sources of whole segments contain the position
         return "path"
-    if formula.degree(_velocities) == 0:
+    if formula.degree(velocities) == 0:
         return "component"
     return "shape" if shape else "path"
 
@@ -124,7 +146,7 @@ def _weight(f: Factor, velocity: int, cross: int, triple: int, position: int | N
     return Fraction(sum(known[v] for v in f.vectors)) if all(v in known for v in f.vectors) else None
 
 
-def _velocities(f: Factor) -> Fraction:
+def velocities(f: Factor) -> Fraction:
     """Return the degree of a factor in the velocity."""
     return Fraction(sum(basic == VELOCITY for basic in _derivatives_in(f)))
 

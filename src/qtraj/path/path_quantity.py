@@ -170,7 +170,8 @@ class PathQuantity:
         """Whether the quantity depends only on the shape of a path, and perhaps a wheelbase, but not on the timing."""
         if self.own is not None:
             return self.own.shape
-        return self.per_time == 0 and not self.gravity and self.needs in ("", WHEELBASE)
+        timeless = self.per_time == 0 and not self.bounds_speed  # the combined acceleration is a ratio of two limits
+        return timeless and not self.gravity and self.needs in ("", WHEELBASE)
 
     def tangent(self, limit: Any) -> Any:
         """Return the limit on the ratio, or its root, for a limit on the quantity; a tangent for an angle."""

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from qtraj.foundation.units import symbol
-from qtraj.path.quantity import quantity
+from qtraj.path.quantity import COMBINED, QUANTITIES, SIDES, quantity
 from qtraj.viz.road_panels import draw_road, road_panels
 from qtraj.viz.style import BAND, BOUND, RC, WIDTH, head, title
 
@@ -24,6 +24,8 @@ COLOURS = {
     "angular_rate": "#000000",
 }
 """One colour for each limit, the same in all figures."""
+KNOWN = {*QUANTITIES, *SIDES, COMBINED}
+"""The limits of the registry; a dataset has only the names of quantities of the user."""
 OTHER, CURVE, ABOVE = "#8A2BE2", "0.45", "0.91"
 """Colours of other limits, of curves where no limit is reached, and of excluded speeds."""
 PANELS = ("longitudinal_acceleration", "lateral_acceleration", "acceleration", "yaw_acceleration", "jerk")
@@ -204,7 +206,7 @@ def _limits(dataset: xarray.Dataset, k: int) -> np.ndarray:
 
 
 def _panel_of(name: str) -> str:
-    return quantity(name).base or name
+    return (quantity(name).base if name in KNOWN else "") or name
 
 
 def _only(values: np.ndarray, cells: np.ndarray) -> np.ndarray:
@@ -215,10 +217,12 @@ def _only(values: np.ndarray, cells: np.ndarray) -> np.ndarray:
 
 def _words(name: str) -> str:
     words = name.replace("_", " ")
-    return words.replace("longitudinal", "long.") if quantity(name).base else words
+    return words.replace("longitudinal", "long.") if name in KNOWN and quantity(name).base else words
 
 
 def _colour(name: str) -> str:
     """Return the colour of a limit; a lower side has another one than the upper side."""
+    if name not in KNOWN:
+        return OTHER
     entry = quantity(name)
     return OTHER if entry.lower else COLOURS.get(entry.base or name, OTHER)

@@ -84,8 +84,9 @@ def certify(
       and for quantities that depend on the vertical if the axis of the path is not vertical.
 
     For the path of `retime`, limits that depend on the timing are proved as in `retime`, and limits on quantities of
-    the shape, such as the curvature, are proved on its original path. All other limits, such as those on lateral
-    forces, moments and the rates of accelerations, are sampled.
+    the shape, such as the curvature, are proved on its original path. Constant limits on own quantities are proved as
+    in `retime`, too. All other limits, such as those on lateral forces, moments and the rates of accelerations, are
+    sampled.
 
     For a batch of paths, each limit is a scalar or has the batch shape, and the certificate has this batch shape, too.
     Under `jit` and `vmap` the arrays of the certificate are available, but not its texts; the proof runs on the host.

@@ -26,6 +26,7 @@ from qtraj.design.timing.cells import (
     with_positive,
 )
 from qtraj.design.timing.constraints import POWERS
+from qtraj.design.timing.formula_limits import is_coupled
 from qtraj.design.timing.part_search import Drafted, Posed, Searched, first_search, searched, shape_of, task_of
 from qtraj.design.timing.parts import Part
 from qtraj.design.timing.relaxed import Task
@@ -105,7 +106,7 @@ def on_chosen_cells(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool]) ->
     task = task_of(p, ends, part, rest, shape)
     limited = {quantity(name).base or name for name in p.names}
     by_speed = any(isinstance(x, OfSpeed) for x in p.bounds.values())
-    coupled = bool(p.others or COUPLED & limited or by_speed or excludes_zero(p.bounds))
+    coupled = bool(p.others or COUPLED & limited or by_speed or excludes_zero(p.bounds) or is_coupled(p.bounds))
     even = not (coupled or varies(p.bounds))
     first = (FIRST if even else FIRST_UNEVEN) * p.tolerance
     cells, bounds = chosen(shape, task, COARSE if p.limits_jerk else first)

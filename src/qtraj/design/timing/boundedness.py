@@ -23,9 +23,10 @@ from jaxtyping import Bool, Float
 
 from qtraj.design.timing.constraints import STANDING, Constraints
 from qtraj.design.timing.program import Program
-from qtraj.design.timing.road import LOADS, ROAD
+from qtraj.design.timing.road import LOADS, POWER_SIDES, ROAD
 from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import Scalar
+from qtraj.path.own_name import OwnName
 from qtraj.path.quantity import COMBINED, quantity
 from qtraj.path.road_parameters import RoadParameters
 
@@ -58,14 +59,16 @@ def largest(
     length = span * xp.sqrt(highest)
     rates = [xp.sqrt(x * s) / length for x, s in zip(ends, (square.ravel()[0], square.ravel()[-1]), strict=True)]
     for name, bound in bounds.items():
+        if isinstance(name, OwnName):
+            continue
         entry = quantity("lateral_acceleration" if name == COMBINED else name)
         if name in LOADS and vehicle is not None:
             rates.append(xp.sqrt(abs(bound) / vehicle.mass / length))
-        elif name not in ROAD:
+        elif name not in (*ROAD, *POWER_SIDES):
             rates.append((abs(bound) / length**entry.length) ** (1 / entry.per_time))
         elif vehicle is not None:
-            gravity = xp.sqrt(bound * vehicle.gravity / length)
-            rates.append(gravity if name == "friction" else xp.cbrt(bound / vehicle.mass / length**2))
+            gravity = xp.sqrt(abs(bound) * vehicle.gravity / length)
+            rates.append(gravity if name == "friction" else xp.cbrt(abs(bound) / vehicle.mass / length**2))
     known = xp.stack(rates)
     rate = xp.max(xp.where(xp.isfinite(known), known, 0.0))
     rate = xp.where(rate > 0, rate, 1 / span)

@@ -16,7 +16,7 @@ from jaxtyping import Float, Int
 from qtraj.design.proof.certificate import PROVED, SAMPLED
 from qtraj.design.timing.cells import Cells, Shape
 from qtraj.design.timing.constraint_values import ratios, used
-from qtraj.design.timing.constraints import NAMES, listed, parts
+from qtraj.design.timing.constraints import all_names, listed, parts
 from qtraj.design.timing.deceleration import Deceleration, Met, constant, from_place, gradual
 from qtraj.design.timing.end_advice import BRAKING
 from qtraj.design.timing.grid import Grid
@@ -208,7 +208,7 @@ def _slowed(p: Posed, shape: Shape, cells: Cells, braking: Deceleration, limit: 
             exact = _usage(p, shape, cells, _exact(shape, cells, braking, CHECKED))[rows.index("jerk")]
             over |= ~(usage[rows.index("jerk")] <= np.maximum(exact, 1 - RESERVE) * (1 + RESERVE / 10))
         if not over.any():
-            return _Pieces(cells, powers, usage, np.zeros((len(NAMES), len(powers)), np.int32))
+            return _Pieces(cells, powers, usage, np.zeros((len(all_names(p.names)), len(powers)), np.int32))
         cells = cells.halved(over)
     return None
 
@@ -280,7 +280,7 @@ def _joined(p: Posed, part: Part, timed: TimedPart, at: tuple[_Pieces, _Pieces, 
     start, end = np.asarray(part.start), np.asarray(part.end)
     knots = start + grid.knots * ((end - start) / grid.knots[-1])
     time = Timing(head.powers, knots[: len(head.powers) + 1], (False, False)).duration
-    good = np.isin(rest.codes[[NAMES.index(name) for name in p.names]][:, k:], (PROVED, SAMPLED)).all()
+    good = np.isin(rest.codes[[all_names(p.names).index(name) for name in p.names]][:, k:], (PROVED, SAMPLED)).all()
     own = timed._replace(
         powers=powers, usage=usage, codes=np.concatenate([codes, rest.codes[:, k:]], axis=1), knots=knots
     )

@@ -24,12 +24,14 @@ from qtraj.design.proof import speed_claims
 from qtraj.design.proof.limit_claims import DIVISORS, RoadInvariants
 from qtraj.design.timing.cell_motions import Motion
 from qtraj.design.timing.constraints import UPPER
-from qtraj.design.timing.road import LOADS, ROAD
+from qtraj.design.timing.own_claims import OwnClaims
+from qtraj.design.timing.road import LOADS, POWER_SIDES, ROAD
 from qtraj.design.timing.roots import Enclosed, Root, at_bounds
 from qtraj.design.timing.sided import SIDED, SIDES_OF_RATES, SLOWEST
 from qtraj.path.components import cross, dot
 from qtraj.path.contact import power_numerator
 from qtraj.path.frenet import Invariants
+from qtraj.path.own_name import OwnName
 from qtraj.path.path_quantity import ROAD_FRAME
 from qtraj.path.quantity import quantity
 from qtraj.path.road_parameters import RoadParameters
@@ -44,9 +46,13 @@ THIRD = ("jerk", "yaw_acceleration", "curvature_rate", "angular_rate")
 class CellClaims:
     """The claims about a motion; the parameters of `vehicle` are constant polynomials in the units of the motion."""
 
-    def __init__(self, motion: Motion, vehicle: RoadParameters | None):
-        """Store the motion; `roots` and `speed_roots` may be set to enclosures of √S, √H and √a, and of √S and √S a."""
+    def __init__(self, motion: Motion, vehicle: RoadParameters | None, constant: Callable[[Any], Any] | None = None):
+        """Store the motion; `constant` converts a number to a polynomial in the formulas of the user.
+
+        `roots` and `speed_roots` may be set to enclosures of √S, √H and √a, and of √S and √S a.
+        """
         self.motion, self._vehicle = motion, vehicle
+        self.own = OwnClaims(motion, vehicle, constant or (lambda x: x))
         self.roots: Sequence[Root] | None = None
         self.speed_roots: Sequence[Root] | None = None
         self._real = Invariants([None, *motion.path])
@@ -73,8 +79,10 @@ class CellClaims:
 
         `allows_zero` is whether the limit on one side of a signed value is satisfied by zero.
         """
-        if name in ROAD:
-            return self._road(name, limit)
+        if isinstance(name, OwnName):
+            return self.own.within(quantity(name), limit)
+        if name in (*ROAD, *POWER_SIDES):
+            return self._road(name, limit, allows_zero)
         if name in LOADS:
             return self._load(quantity(name).side, limit)
         if name in SIDES_OF_RATES:
@@ -193,7 +201,7 @@ class CellClaims:
         slack = side * ((i.v * i.contact.level) * (2 * limit) - i.contact.onto * i.vehicle.mass)
         return Claim(slack) if self.roots is None else Enclosed(at_bounds(slack, self.roots[:2]), self.roots[:2])
 
-    def _road(self, name: str, limit: Any) -> AnyClaim:
+    def _road(self, name: str, limit: Any, allows_zero: bool) -> AnyClaim:
         i: Any = self._on_road
         entry: Any = quantity(name)
         if name == "friction":
@@ -202,7 +210,8 @@ class CellClaims:
                 return all_of([Claim(slack), Claim(load)])
             own = self.roots[:2]
             return Enclosed([*at_bounds(slack, own), *at_bounds(load, own)], self.roots[:1])
-        power = power_numerator(i)
+        power = entry.side * power_numerator(i)
+        limit = entry.side * limit
         if self.roots is not None:
             S, H, a = self.roots
             values = [
@@ -212,4 +221,4 @@ class CellClaims:
             ]
             return Enclosed(values, self.roots)
         slack = 4 * (limit * limit) * i.H - power * power * self._pace
-        return any_of([Claim(-power), Claim(slack)])
+        return any_of([Claim(-power), Claim(slack)]) if allows_zero else all_of([Claim(-power), Claim(-slack)])

@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Float
 
 from qtraj.design.timing import road
-from qtraj.design.timing.constraints import POWERS, UPPER, Constraints, Parts, symmetric
+from qtraj.design.timing.constraints import POWERS, UPPER, Constraints, Parts
+from qtraj.design.timing.forms import symmetric
 from qtraj.design.timing.road import ROAD
 from qtraj.foundation.namespace import namespace
 
@@ -26,15 +27,17 @@ def tightened(c: Constraints, factors: Float[Any, "count *nodes"]) -> Constraint
     bends = None if bends is None else bends.scaled(own_sides)
     if combined is not None:
         combined = combined._replace(factor=combined.factor * factors[c.before_combined])
-    jerk = None if c.jerk is None else c.jerk * factors[c.before_jerk : c.before_road, None, None] ** 2
-    return Constraints(c.upper * factors[0], c.forms * forms, c.sides * sides, jerk, own, bends, combined)
+    jerk = None if c.jerk is None else c.jerk * factors[c.before_jerk : c.before_formulas, None, None] ** 2
+    formulas = None if c.formulas is None else c.formulas.tightened(factors[c.before_formulas : c.before_road])
+    return Constraints(c.upper * factors[0], c.forms * forms, c.sides * sides, jerk, own, bends, combined, formulas)
 
 
 def squares(p: Parts) -> np.ndarray:
     """Return the power of a factor with which each constraint is multiplied if its limit is divided by the factor."""
     quadratic = (p.combined is not None) + (0 if p.jerk is None else len(p.jerk))
-    road = 0 if p.road is None else len(ROAD)
-    return np.array([1.0] + [2.0] * len(p.forms) + [1.0] * len(p.sides) + [2.0] * quadratic + [1.0] * road)
+    formulas = [] if p.formulas is None else p.formulas.powers.tolist()
+    road = [] if p.road is None else [1.0] * len(ROAD)
+    return np.array([1.0] + [2.0] * len(p.forms) + [1.0] * len(p.sides) + [2.0] * quadratic + formulas + road)
 
 
 def used(p: Parts, v: Float[Any, "orders *nodes"]) -> Float[Any, "limits *nodes"]:
@@ -47,7 +50,8 @@ def used(p: Parts, v: Float[Any, "orders *nodes"]) -> Float[Any, "limits *nodes"
     upper = p.upper * xp.maximum(v[0], 0.0)[None]
     forms, *jerk = (xp.sqrt(xp.maximum(x, 0.0)) for x in _squares(p, v))
     combined = [] if p.combined is None else [p.combined.used(v)[None]]
-    return xp.concatenate([upper, forms, _of_sides(p, v), *combined, *jerk, *(x[None] for x in on_road)])
+    formulas = [] if p.formulas is None else [p.formulas.used(v)]
+    return xp.concatenate([upper, forms, _of_sides(p, v), *combined, *jerk, *formulas, *(x[None] for x in on_road)])
 
 
 def ratios(found: Float[Any, "limits *nodes"], rows: tuple[str, ...]) -> Float[Any, "limits *nodes"]:
@@ -63,7 +67,8 @@ def values(c: Constraints, v: Float[Any, "orders *nodes"]) -> Float[Any, "count 
     upper, (forms, *jerk) = (c.upper * v[0])[None], _squares(c, v)
     own = [x - 1 for x in (upper, forms, *([_of_sides(c, v)] if len(c.sides) else []))]
     combined = [] if c.combined is None else [c.combined.value(v)[None]]
-    return namespace(v, c.upper).concatenate([*own, *combined, *(x - 1 for x in jerk), *on_road])
+    formulas = [] if c.formulas is None else [c.formulas.values(v)]
+    return namespace(v, c.upper).concatenate([*own, *combined, *(x - 1 for x in jerk), *formulas, *on_road])
 
 
 def gradients(c: Constraints, v: Float[Any, "orders *nodes"]) -> Gradients:
@@ -79,15 +84,19 @@ def gradients(c: Constraints, v: Float[Any, "orders *nodes"]) -> Gradients:
         flat.append(sides)
     if c.combined is not None:
         flat.append(xp.stack(c.combined.gradient(v))[None])
-    found += flat if c.jerk is None else [xp.concatenate([x, xp.zeros_like(x[:, :1])], axis=1) for x in flat]
+    found += flat if c.orders == 2 else [xp.concatenate([x, xp.zeros_like(x[:, :1])], axis=1) for x in flat]
     if c.jerk is not None:
         slope = _products(xp, c.jerk, v)
         own = 2 * v[0][None, None] * slope
         found.append(
             xp.concatenate([own[:, :1] + xp.einsum("ki...,i...->k...", slope, v)[:, None], own[:, 1:]], axis=1)
         )
+    if c.formulas is not None:
+        own = c.formulas.gradients(v)
+        more = [np.zeros_like(own[:, :1])] * (c.orders - own.shape[1])
+        found.append(np.concatenate([own, *more], axis=1))
     if c.road is not None:
-        more = [] if c.jerk is None else [zero[0]]
+        more = [] if c.orders == 2 else [zero[0]]
         found += [xp.stack([*x, *more])[None] for x in road.gradients(c.road, v)]
     return xp.concatenate(found)
 
@@ -114,12 +123,15 @@ def second_derivatives(
         found[:2, :2] += multipliers[c.before_combined] * symmetric(np.stack(c.combined.second(v)))
     found[:2, :2] += np.einsum("f...,fij...->ij...", 2 * multipliers[1 : 1 + count], c.forms)
     if c.jerk is not None:
-        last = multipliers[c.before_jerk : c.before_road]
+        last = multipliers[c.before_jerk : c.before_formulas]
         own = np.einsum("k...,ki...->i...", last, _products(np, c.jerk, v))
         found += np.einsum("k...,kij...->ij...", 2 * last * v[0][None], c.jerk)
         found[0] += own
         found[:, 0] += own
         found[0, 0] += np.einsum("i...,i...->...", own, v) / (2 * a)
+    if c.formulas is not None:
+        own = c.formulas.second_derivatives(v, multipliers[c.before_formulas : c.before_road])
+        found[: len(own), : len(own)] += own
     if c.road is not None:
         found[:2, :2] += symmetric(np.stack(road.second_derivatives(c.road, multipliers[c.before_road :])))
     return found

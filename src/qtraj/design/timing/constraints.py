@@ -25,14 +25,17 @@ from jaxtyping import Float
 
 from qtraj.design.ellipse import OfSpeed
 from qtraj.design.one_sided import scale_and_shift
-from qtraj.design.timing import road
+from qtraj.design.timing import forms, road
 from qtraj.design.timing.by_speed import Combined, Curve, combined_of, largest_squares, side_by_speed, stacked
-from qtraj.design.timing.road import LOADS, ON_ROAD, ROAD, Road
+from qtraj.design.timing.formula_limits import is_formula
+from qtraj.design.timing.formulas import Formulas, formulas_of
+from qtraj.design.timing.road import LOADS, ON_ROAD, POWER_SIDES, ROAD, Road
 from qtraj.design.timing.sided import RATES, SIDED, SIDES_OF_RATES, SLOWEST, row
 from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import Scalar
 from qtraj.path.components import dot
 from qtraj.path.frenet import Invariants, yaw
+from qtraj.path.own_name import OwnName
 from qtraj.path.quantity import COMBINED, quantity
 from qtraj.path.road_parameters import RoadParameters
 
@@ -42,8 +45,8 @@ UPPER = ("speed", "lateral_acceleration", *RATES, *SIDES_OF_RATES, "angular_rate
 FORMS = ("longitudinal_acceleration", "yaw_acceleration", "vertical_acceleration", "acceleration")
 """Limits on quantities whose squares are quadratic forms in a = u̇² and a' = da/du."""
 
-NAMES = (*UPPER, *FORMS, *SIDED, COMBINED, "jerk", *ROAD)
-"""Limits that depend on the timing. Arrays have this order, and omit absent limits."""
+NAMES = (*UPPER, *FORMS, *SIDED, COMBINED, "jerk", *POWER_SIDES, *ROAD)
+"""Limits that depend on the timing. Arrays have this order, and omit absent limits; those on own quantities follow."""
 
 POWERS = {name: 0.5 * quantity(name).per_time for name in NAMES if name not in (*ON_ROAD, SLOWEST, COMBINED)}
 """For each quantity an exponent p: if a = u̇² is multiplied by a constant k, the quantity is multiplied by k^p.
@@ -63,9 +66,23 @@ STANDING = 1e-8
 def listed(bounds: Collection[str], vehicle: bool) -> tuple[str, ...]:
     """Return the names of the limits in `bounds`, in the order of the rows of arrays.
 
-    With a `vehicle`, the names include all of `ROAD`, even if `bounds` does not.
+    Limits on own quantities precede those of `ROAD`. With a `vehicle`, the names include all of `ROAD`, even if
+    `bounds` does not.
     """
-    return tuple(name for name in NAMES if (vehicle if name in ROAD else name in bounds))
+    own = tuple(name for name in bounds if isinstance(name, OwnName))
+    absent = ROAD if vehicle else (*ROAD, *POWER_SIDES)
+    before = tuple(name for name in NAMES if name in bounds and name not in absent)
+    return before + own + (ROAD if vehicle else ())
+
+
+def all_names(bounds: Collection[str]) -> tuple[str, ...]:
+    """Return `NAMES` and the own quantities in `bounds`, the order of the statuses of proofs."""
+    return (*NAMES, *(name for name in bounds if isinstance(name, OwnName)))
+
+
+def uses_vehicle(names: Collection[str]) -> bool:
+    """Return whether a limit needs the parameters of a vehicle."""
+    return any(quantity(name).uses_vehicle for name in names)
 
 
 class Constraints(NamedTuple):
@@ -84,6 +101,7 @@ class Constraints(NamedTuple):
     road: Road | None = None
     bends: Curve | None = None
     combined: Combined | None = None
+    formulas: Formulas | None = None
 
     @property
     def per_node(self) -> int:
@@ -93,6 +111,11 @@ class Constraints(NamedTuple):
     @property
     def before_road(self) -> int:
         """Number of constraints at each node without those of `road`."""
+        return self.before_formulas + (0 if self.formulas is None else len(self.formulas))
+
+    @property
+    def before_formulas(self) -> int:
+        """Number of constraints at each node up to those of `formulas`."""
         return self.before_jerk + (0 if self.jerk is None else len(self.jerk))
 
     @property
@@ -107,8 +130,8 @@ class Constraints(NamedTuple):
 
     @property
     def orders(self) -> int:
-        """Number of components of v that the constraints contain: a, a' and, with a limit on the jerk, a''."""
-        return 2 if self.jerk is None else 3
+        """Number of components of v that the constraints contain: a, a' and, if they contain the jerk, a''."""
+        return 3 if self.jerk is not None or (self.formulas is not None and self.formulas.third) else 2
 
 
 class Parts(NamedTuple):
@@ -121,6 +144,7 @@ class Parts(NamedTuple):
     road: Road | None = None
     bends: Curve | None = None
     combined: Combined | None = None
+    formulas: Formulas | None = None
 
     def constraints(self, largest: Float[Any, "*nodes"]) -> Constraints:
         """Return the constraints with only the lowest upper bound on a at each node, at most `largest`."""
@@ -128,6 +152,7 @@ class Parts(NamedTuple):
         upper = functools.reduce(xp.maximum, self.upper, 1 / largest)
         upper = upper if self.road is None else xp.maximum(upper, self.road.upper)
         upper = upper if self.combined is None else xp.maximum(upper, self.combined.upper)
+        upper = upper if self.formulas is None else xp.maximum(upper, self.formulas.highest)
         return Constraints(upper, *self[1:])
 
 
@@ -147,7 +172,8 @@ def parts(
     xp = namespace(r, unit, *jax.tree.leaves((bounds, vehicle)))
     square, size = (dot(x, x) for x in (tuple(r[0]), tuple(r[1])))
     still = tuple(STANDING**2 * xp.max(x) for x in (square, size))
-    constant = vehicle is None and not any(isinstance(x, OfSpeed) or np.ndim(x) for x in bounds.values())
+    changing = any(is_formula(name) or isinstance(x, OfSpeed) or np.ndim(x) for name, x in bounds.items())
+    constant = vehicle is None and not changing
     if xp is not np or not constant or square.ndim > 1 or square.size <= BLOCK_SIZE:
         return _at_nodes(r, unit, bounds, vehicle, before_stop, still)
     found = []
@@ -195,10 +221,13 @@ def _at_nodes(
     def climbing() -> tuple[Any, Any]:
         return i.W, half * i.V
 
-    squares = *(lambda x=x: _square(*x()) for x in (lambda: along, turning, climbing)), lambda: _squared_norm(i, half)
-    forms = dict(zip(FORMS, squares, strict=True))
-    own = [xp.stack(forms[name]()) / bounds[name] ** 2 for name in FORMS if name in bounds]
-    scaled = _stacked([symmetric(x) for x in own], (2, 2), i.S)
+    squares = (
+        *(lambda x=x: forms.square(*x()) for x in (lambda: along, turning, climbing)),
+        lambda: forms.squared_norm(i, half),
+    )
+    each = dict(zip(FORMS, squares, strict=True))
+    own = [xp.stack(each[name]()) / bounds[name] ** 2 for name in FORMS if name in bounds]
+    scaled = _stacked([forms.symmetric(x) for x in own], (2, 2), i.S)
     loaded = lambda: (load[1], 0.0 * i.S)  # noqa: E731
     rates = lambda: (i.S, 0.0 * i.S), *2 * [lambda: along], *2 * [turning], *2 * [climbing], *3 * [loaded]
     # Where r' = 0, the acceleration of the yaw is unknown, and that along the path and the load without r'', too.
@@ -218,7 +247,7 @@ def _at_nodes(
     if "jerk" in bounds:
         level = i.J, 3 * half * dot(r2, r3), 9 * half * half * i.A
         entries = xp.stack([*level, second * i.C, 3 * half * second * i.B, second**2 * i.S])
-        jerk = symmetric(entries / bounds["jerk"] ** 2)[None]
+        jerk = forms.symmetric(entries / bounds["jerk"] ** 2)[None]
     more: dict[str, Any] = {"bends": stacked(curves, i.v)}
     lateral: list[Any] = []
     if by_speed:
@@ -226,6 +255,8 @@ def _at_nodes(
         lateral = [largest_squares(x, across, i.v) for name, x in by_speed.items() if name in UPPER]
         more["combined"] = combined_of(by_speed[COMBINED], along, across, i.v) if COMBINED in by_speed else None
     upper = [_upper(name, i, bounds, moving) if name in bounds else lateral[0] for name in UPPER if name in given]
+    if any(map(is_formula, given)):
+        more["formulas"] = formulas_of(r, ahead, unit, given, vehicle)
     found = Parts(_stacked(upper, (), i.S), scaled, _stacked(rows, (3,), i.S), jerk, **more)
     if on_road is None:
         return found
@@ -262,21 +293,6 @@ def _across(i: Any, moving: Any) -> Any:
     return xp.where(moving, xp.sqrt(i.N / xp.where(i.S > 0, i.S, 1.0)), 0.0)
 
 
-def symmetric(entries: Float[Any, "entries *nodes"]) -> Float[Any, "n n *nodes"]:
-    """Return the symmetric matrix with the rows of its lower triangle in `entries`."""
-    return entries[np.array([[0, 1], [1, 2]] if entries.shape[0] == 3 else [[0, 1, 3], [1, 2, 4], [3, 4, 5]])]
-
-
 def _inverse_root(x: Any) -> Any:
     xp = namespace(x)
     return xp.where(x > 0, 1 / xp.sqrt(xp.where(x > 0, x, 1.0)), 0.0)
-
-
-def _squared_norm(i: Invariants, half: Any) -> tuple[Any, Any, Any]:
-    """Return the entries of the quadratic form of the squared acceleration."""
-    return i.A, half * i.B, half * half * i.S
-
-
-def _square(p: Any, q: Any) -> tuple[Any, Any, Any]:
-    """Return the entries (aa, ab, bb) of the quadratic form (p·a + q·b)², where b = a'."""
-    return p * p, p * q, q * q

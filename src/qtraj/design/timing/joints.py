@@ -7,12 +7,15 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from qtraj.design.timing.constraints import UPPER
+from qtraj.design.timing.formula_limits import of_third_order
 from qtraj.design.timing.parts import CONTINUOUS
 from qtraj.design.timing.retimed_cells import Cells, motion_at
 from qtraj.design.timing.sided import SLOWEST
 from qtraj.design.timing.timing import RetimedPath
 from qtraj.foundation.arrays import is_traced
 from qtraj.foundation.namespace import namespace
+from qtraj.path.own_facts import rate_degree
+from qtraj.path.quantity import quantity
 
 
 def jumps(path: RetimedPath, cells: Cells, names: tuple[str, ...]) -> Bool[Any, "limits moving"]:
@@ -34,7 +37,10 @@ def jumps(path: RetimedPath, cells: Cells, names: tuple[str, ...]) -> Bool[Any, 
     moves = (xp.sqrt(a) > CONTINUOUS * xp.sqrt(xp.max(a))).reshape(2, moving)
     wrong = (rest[0] & start & moves[0, 0]) | (rest[1] & end & moves[1, -1])
     faster, harder = (_jump(x.reshape(3, 2, moving), cells) for x in (velocity, acceleration))
-    of_name = {"jerk": faster | harder} | dict.fromkeys((*UPPER, SLOWEST), xp.zeros_like(faster))
+    of_name = {name: faster | harder for name in names if of_third_order([name])} | dict.fromkeys(
+        (*UPPER, SLOWEST), xp.zeros_like(faster)
+    )
+    of_name |= {name: xp.zeros_like(faster) for name in names if rate_degree(quantity(name))}
     return wrong | xp.stack([of_name.get(name, faster) for name in names])
 
 

@@ -9,13 +9,12 @@ import numpy as np
 from jax.lax import stop_gradient
 
 from qtraj.design.timing import findings
-from qtraj.design.timing.constraints import NAMES, listed
+from qtraj.design.timing.constraints import all_names, listed, uses_vehicle
 from qtraj.design.timing.differentiated import at_ends, joined
 from qtraj.design.timing.part_timing import TimedPart
 from qtraj.design.timing.result_code import result_code
 from qtraj.design.timing.retimed_cells import Cells
 from qtraj.design.timing.retimed_maxima import Limited, largest_in, values_in
-from qtraj.design.timing.road import ON_ROAD
 from qtraj.design.timing.search import MARGIN
 from qtraj.design.timing.timing import RetimedPath, Timing
 from qtraj.design.varying import in_cells, varies
@@ -40,8 +39,8 @@ def judged(
     knots = joined([x.knots for x in timed])
     powers = xp.concatenate([x.powers for x in timed])
     timing = Timing(powers, knots, rest)
-    own = np.array([NAMES.index(name) for name in names])
-    rows = listed(names, any(name in ON_ROAD for name in names))
+    own = np.array([all_names(names).index(name) for name in names])
+    rows = listed(names, uses_vehicle(names))
     usage = xp.concatenate([x.usage for x in timed], axis=1)
     usage = usage[np.array([rows.index(name) for name in names])] * (1 - MARGIN)
     codes = xp.concatenate([xp.asarray(x.codes) for x in timed], axis=1)[own]

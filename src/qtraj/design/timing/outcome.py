@@ -25,6 +25,7 @@ from qtraj.foundation.outcome import AbstractOutcome, ResultCode
 from qtraj.foundation.record import Quantity, Record, require_concrete
 from qtraj.foundation.result import batch_prefix, extent
 from qtraj.foundation.types import ArrayInput
+from qtraj.path.clearance_quantity import names_obstacle
 from qtraj.path.quantity import quantity
 from qtraj.path.vehicle import Vehicle
 from qtraj.path.vehicle_data import vehicle_quantities
@@ -45,7 +46,8 @@ class Retimed(AbstractOutcome):
       path is a route, slow motion next to a stop is replaced by a stop, and creeping by an even progress.
     - `duration` [s]: the duration of `path`. Its derivatives are cheaper than those of `path.duration`.
     - `certificate`: the findings on all limits, for the whole path.
-    - `usage` (limits, cells): the largest ratio of each limited quantity to its limit in each cell of `timing`.
+    - `usage` (limits, cells): the largest ratio of each limited quantity to its limit in each cell of `timing`; NaN for
+      limits on the shape and obstacles, which no timing changes.
     - `speeds` (2,) [m/s]: the speeds at the start and at the end.
     - `wanted` (2,) [m/s]: the prescribed speeds at the start and at the end; NaN where free.
     - `code`: a `ResultCode`.
@@ -57,7 +59,8 @@ class Retimed(AbstractOutcome):
       except for errors of sampling: the distance from a timing that ignores the coupling. With such a limit it is the
       smaller one of this bound and of an estimate: the time gained if all cells are halved, and at least as much again
       for all further halvings. If halvings do not gain less and less, there is no estimate, and `gap` is the bound,
-      which may be far too large. With a limit on jerk or power, the estimate is for the local minimum. NaN if the
+      which may be far too large. With a limit on jerk, power or an own quantity, the
+      estimate is for the local minimum. NaN if the
       number of cells was given, if the path or a limit was traced, if the duration was prescribed, or if a limit on the
       lateral acceleration by speed rises so steeply that faster speeds may be allowed again, which `retime` does not
       use.
@@ -119,17 +122,25 @@ class Retimed(AbstractOutcome):
         """The relation between the parameter of the original path and time."""
         return self.path.timing
 
+    @property
+    def timing_names(self) -> tuple[str, ...]:
+        """The names of the limits that depend on the timing; those on the shape and on obstacles follow them."""
+        names = self.certificate.names
+        return tuple(name for name in names if not (names_obstacle(name) or quantity(name).of_shape))
+
     def intervals(self, name: str, part: float = 0.99) -> list[tuple[float, float]]:
         """Return the time intervals (start, end) [s] in which a quantity reaches at least `part` times its limit.
 
         An interval consists of whole cells of the timing.
 
-        **Raises:** ValueError for the result of a batch, or for a limit that was not given.
+        **Raises:** ValueError for the result of a batch, and for a limit that was not given or that no timing changes.
         """
         if self.code.ndim:
             raise ValueError("intervals are available for the result of one path, but this is the result of a batch")
         if name not in self.certificate.names:
             raise ValueError(f"no limit on {name!r} was given; the limits are {', '.join(self.certificate.names)}")
+        if name not in self.timing_names:
+            raise ValueError(f"the limit on {name!r} does not depend on the timing, so it has no time intervals")
         near = np.asarray(self.usage)[self.certificate.names.index(name)] >= part
         edges = np.flatnonzero(np.diff(np.concatenate([[False], near, [False]])))
         times = np.asarray(self.timing.times)

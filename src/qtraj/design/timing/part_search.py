@@ -11,6 +11,7 @@ from jaxtyping import Float
 from qtraj.design.ellipse import OfSpeed
 from qtraj.design.timing.bodies import rows_of
 from qtraj.design.timing.cells import Shape
+from qtraj.design.timing.formula_limits import of_third_order
 from qtraj.design.timing.grid import Grid, path_derivatives
 from qtraj.design.timing.parts import Part, known_segments
 from qtraj.design.timing.relaxed import Task
@@ -63,8 +64,8 @@ class Posed(NamedTuple):
 
     @property
     def limits_jerk(self) -> bool:
-        """Whether the jerk of a body is limited."""
-        return any("jerk" in bounds for bounds in self.all_bounds)
+        """Whether a limit contains the jerk of a body."""
+        return any(of_third_order(bounds) for bounds in self.all_bounds)
 
 
 class Searched(NamedTuple):

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from qtraj.design.ellipse import OfSpeed
 from qtraj.design.proof.certificate import PROVED, SAMPLED
 from qtraj.design.timing.adaptive import on_chosen_cells
-from qtraj.design.timing.constraints import NAMES, POWERS, listed
+from qtraj.design.timing.constraints import POWERS, all_names, listed
 from qtraj.design.timing.grid import Grid, ends as ends_of_cells, of_segments, uniform
 from qtraj.design.timing.held import Solved, with_ends
 from qtraj.design.timing.part_search import Posed, Searched, searched
@@ -64,7 +64,7 @@ def timed(p: Posed, part: Part, at_ends: Any, rest: tuple[bool, bool]) -> tuple[
     if not part.moves:
         rows = len(listed(p.names, p.vehicle is not None))
         knots = np.stack([np.asarray(part.start), np.asarray(part.end)])
-        stands = np.full((len(NAMES), 1), PROVED, np.int32)
+        stands = np.full((len(all_names(p.names)), 1), PROVED, np.int32)
         return TimedPart(np.array([[1.0, 0, 0, 0]]), np.zeros((rows, 1)), stands, knots), None
     # For traced arguments, other cells would be compiled anew.
     grid = fixed(p, part) if p.knots is not None or is_traced(p.path, p.bounds, p.vehicle, at_ends) else None
@@ -160,13 +160,13 @@ def _proved(p: Posed, x: Searched) -> tuple[Any, Any, Any, float]:
 
 
 def _all_proved(p: Posed, codes: Any) -> bool:
-    return bool((codes[[NAMES.index(name) for name in p.names]] == PROVED).all())
+    return bool((codes[[all_names(p.names).index(name) for name in p.names]] == PROVED).all())
 
 
 def codes_of(p: Posed, grid: Grid, powers: Any, rest: tuple[bool, bool], unbounded: Any = False) -> Any:
     """Return the status of all limits in all cells; SAMPLED if the path is not polynomial."""
     if p.polynomials is None:
-        return np.full((len(NAMES), grid.cells), SAMPLED, np.int32)
+        return np.full((len(all_names(p.names)), grid.cells), SAMPLED, np.int32)
     # Nothing is proved about a timing that no limit bounds, because the proofs could take long.
     xp = namespace(unbounded, powers)
     bounds = in_cells(p.bounds, *ends_of_cells(p.path, grid)) if varies(p.bounds) else p.bounds

@@ -16,6 +16,7 @@ from qtraj.design.timing.part_search import Posed
 from qtraj.design.timing.road import ON_ROAD
 from qtraj.design.timing.sided import SIDED
 from qtraj.design.varying import Varying, all_values
+from qtraj.path.own_facts import time_degree
 from qtraj.path.quantity import COMBINED, quantity
 
 STEPS, LEAST = 16, 1e-12
@@ -89,6 +90,8 @@ def factor_for(duration: Callable[[float], float], wanted: float, tolerance: flo
 
 def _exponent(name: str, bound: Any) -> float:
     """Return the exponent of the factor; a limit that does not allow zero does not change."""
-    per_time = 2 if name == COMBINED else quantity(name).per_time
-    excludes_zero = name in SIDED and (quantity(name).side * all_values(bound) <= 0).any()
+    entry = quantity(name)
+    per_time = 2 if name == COMBINED else float(time_degree(entry) or 0) if entry.own else entry.per_time
+    sided = name in SIDED or bool(entry.own and entry.base)
+    excludes_zero = sided and (entry.side * all_values(bound) <= 0).any()
     return 0.0 if name in ON_ROAD or per_time < 2 or excludes_zero else 0.5 * per_time

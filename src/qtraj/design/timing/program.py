@@ -89,9 +89,9 @@ class _Linear:
         return gathered(self.program.nodes, at) * self.program.nodes.free
 
     def solved(self, right: Coefficients) -> Coefficients:
-        """Solve the linear system of a step; with a limit on the jerk, rounding errors of the band are corrected."""
+        """Solve the linear system of a step; if they contain the jerk, rounding errors of the band are corrected."""
         p, factors = self.program, functools.partial(solved, self.band)
-        if p.constraints.jerk is None or p.nodes.seam:  # the coefficients of a lap repeat
+        if p.constraints.orders == 2 or p.nodes.seam:  # the coefficients of a lap repeat
             return factors(right)
 
         def product(x: np.ndarray) -> np.ndarray:

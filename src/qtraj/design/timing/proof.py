@@ -23,9 +23,10 @@ from qtraj.design.proof.deciding import Decided, decided
 from qtraj.design.proof.units import constants, times_power
 from qtraj.design.timing.cell_claims import THIRD, CellClaims
 from qtraj.design.timing.cell_motions import CellMotions
-from qtraj.design.timing.constraints import NAMES
+from qtraj.design.timing.constraints import all_names
+from qtraj.design.timing.formula_limits import of_third_order
 from qtraj.design.timing.grid import Grid
-from qtraj.design.timing.road import ROAD
+from qtraj.design.timing.road import POWER_SIDES, ROAD
 from qtraj.design.timing.roots import Enclosure, enclosure
 from qtraj.design.timing.sided import SIDES_OF_RATES, SLOWEST
 from qtraj.design.timing.sources import Source
@@ -50,7 +51,7 @@ PerCell = Float[Any, "n *terms"]
 
 
 class Proofs(NamedTuple):
-    """For each limit, in the order of `NAMES`, the status PROVED, BROKEN or UNDECIDED on each cell."""
+    """For each limit, in the order of `all_names`, the status PROVED, BROKEN or UNDECIDED on each cell."""
 
     codes: Int[Any, "limits cells"]
 
@@ -85,7 +86,8 @@ def prove(
     The cells may be dyadic parts of the cells of a timing: `place` contains their starts and ends as fractions of the
     cells to which the coefficients belong, and the second item of `timing` has a column for each part.
     """
-    known = NAMES if vehicle is not None else NAMES[: -len(ROAD)]
+    rows = all_names(bounds)
+    known = [name for name in rows if vehicle is not None or name not in ROAD]
     by_speed = {name: x for name, x in bounds.items() if isinstance(x, OfSpeed)}
     names = tuple(name for name in known if name in bounds and name not in by_speed)
     rest = np.asarray(timing[1])
@@ -98,7 +100,7 @@ def prove(
         )
 
     given = *path[:5], timing[0], [bounds[name] for name in names], (vehicle, end)
-    shape = jax.ShapeDtypeStruct((len(NAMES), grid.cells), jnp.int32)
+    shape = jax.ShapeDtypeStruct((len(rows), grid.cells), jnp.int32)
     return Proofs(on_host(judge, shape, *given))
 
 
@@ -137,7 +139,8 @@ def _judged(
     limits, by_speed = bounds
     each = {name: np.repeat(x, cells) if x.ndim == 1 else x.reshape(-1, x.shape[-1]) for name, x in limits.items()}
     ways = [x and x.each(lambda y: np.repeat(y, cells) if y.ndim == 1 else y.reshape(-1)) for x in road]
-    codes = np.zeros((len(NAMES), batch * cells), np.int32)
+    names = all_names(limits)
+    codes = np.zeros((len(names), batch * cells), np.int32)
     for group in (motions.standing, ~motions.standing):
         every = np.flatnonzero(group)
         for start in range(0, every.size, BLOCK_SIZE):
@@ -145,13 +148,14 @@ def _judged(
             own = [x and x.each(lambda y, block=block: y[block]) for x in ways]
             task = _Task(motions.chosen(block), {name: x[block] for name, x in each.items()}, own, max_work)
             codes[:, block] = _codes(task, by_speed)
-    return np.moveaxis(codes.reshape(len(NAMES), batch, cells), 1, 0)
+    return np.moveaxis(codes.reshape(len(names), batch, cells), 1, 0)
 
 
 def _codes(task: "_Task", by_speed: dict[str, OfSpeed]) -> Int[Any, "limits n"]:
     finite = np.isfinite(task.motions.timing).all(axis=0)
     forward = task.decided(finite, lambda claims, _: claims.forward(), strict=True).proved
-    rows, positive = [np.where(forward, PROVED, UNDECIDED)] * len(NAMES), {None: forward, LOAD: forward}
+    names = all_names(task.limits)
+    rows, positive = [np.where(forward, PROVED, UNDECIDED)] * len(names), {None: forward, LOAD: forward}
 
     def defined(name: str) -> Bool[Any, " n"]:
         """Return where the quantity is proved to be defined and the motion to go on."""
@@ -165,19 +169,19 @@ def _codes(task: "_Task", by_speed: dict[str, OfSpeed]) -> Int[Any, "limits n"]:
         strictest = limit if limit.ndim == 1 else entry.side * np.min(entry.side * limit, axis=1)
         absent = np.isinf(strictest) | ((name == SLOWEST) & (strictest <= 0))
         found = _within(task, name, strictest, finite & np.isfinite(strictest) & ~absent)
-        proved = (defined(name) & found.proved) | (forward & absent)
-        rows[NAMES.index(name)] = np.where(found.refuted, BROKEN, np.where(proved, PROVED, UNDECIDED))
+        proved = (defined(name) & task.satisfied_guards(name, finite) & found.proved) | (forward & absent)
+        rows[names.index(name)] = np.where(found.refuted, BROKEN, np.where(proved, PROVED, UNDECIDED))
     for name, limit in by_speed.items():
         found = task.by_speed(finite & bool(np.isfinite(np.asarray(limit.values)).all()), name, limit)
         proved = defined(name) & found.proved
-        rows[NAMES.index(name)] = np.where(found.refuted, BROKEN, np.where(proved, PROVED, UNDECIDED))
+        rows[names.index(name)] = np.where(found.refuted, BROKEN, np.where(proved, PROVED, UNDECIDED))
     return np.stack(rows)
 
 
 def _within(task: "_Task", name: str, limit: Float[Any, " n"], wanted: Bool[Any, " n"]) -> Decided:
     """Decide whether a quantity satisfies its limit."""
     allows_zero = np.ones(limit.shape, bool)
-    if name in SIDES_OF_RATES:
+    if name in (*SIDES_OF_RATES, *POWER_SIDES):
         allows_zero = quantity(name).side * limit > 0
     found = [
         task.decided(wanted & own, lambda claims, bound, allows=allows: claims.within(name, bound(name), allows))
@@ -192,7 +196,8 @@ class _Task:
 
     def __init__(self, motions: CellMotions, limits: dict[str, PerCell], road: list[RoadParameters | None], work: int):
         self.motions, self.limits, (self._road, self._end), self._max_work = motions, limits, road, work
-        self._order = 3 if set(THIRD) & {quantity(name).base or name for name in limits} else 2
+        third = set(THIRD) & {quantity(name).base or name for name in limits} or of_third_order(limits)
+        self._order = 3 if third else 2
         self._unit = motions.duration * motions.half  # the unit of time of the claims; the product is exact
         self._floats: CellClaims | None = None
         self._roots: list[Enclosure] = []
@@ -209,6 +214,18 @@ class _Task:
             self._max_work,
             PATIENCE,
         )
+
+    def satisfied_guards(self, name: str, wanted: Bool[Any, " n"]) -> Bool[Any, " n"]:
+        """Return where the divisors of an own quantity are proved to be nonzero, and the radicands nonnegative."""
+        entry, found = quantity(name), wanted
+        for guard in entry.own.guards if entry.own else ():
+            signs = (1,) if not guard.divisor or guard.factor.positive else (1, -1)
+            each = [
+                self.decided(found, lambda claims, _, x=guard, s=s: claims.own.guard(entry, x, s), guard.divisor).proved
+                for s in signs
+            ]
+            found = found & np.any(each, axis=0)
+        return found
 
     def by_speed(self, wanted: Bool[Any, " n"], name: str, limit: OfSpeed) -> Decided:
         """Decide whether a quantity satisfies a limit that depends on the speed."""
@@ -245,7 +262,7 @@ class _Task:
                 road = self._road._replace(gravity=self._road.gravity * self._unit**2)
                 fraction = BoundedPolynomial(np.repeat([[0.0], [1.0]], len(road.mass), axis=1))
                 vehicle = constants(road, lambda x: BoundedPolynomial.constant(x, k=3), self._end, fraction)
-            self._floats = CellClaims(self.motions.bounded(self._order), vehicle)
+            self._floats = CellClaims(self.motions.bounded(self._order), vehicle, self._float_constant)
             if self._road is not None:
                 squares = self._floats.squares()
                 self._roots = [enclosure(p.c) for p in squares]
@@ -259,10 +276,13 @@ class _Task:
                 start, end = self._road.each(lambda x: x[k]), self._end and self._end.each(lambda x: x[k])
                 vehicle = constants(start, ExactPolynomial.of, end, ExactPolynomial([0, 1]))
                 vehicle = vehicle._replace(gravity=times_power(vehicle.gravity, self._unit[k], 2))
-            own = self._integers[k] = CellClaims(self.motions.exact(k, self._order), vehicle)
+            own = self._integers[k] = CellClaims(self.motions.exact(k, self._order), vehicle, ExactPolynomial.of)
             if self._roots and all(root.good[k] for root in self._roots):
                 own.roots = [root.exact(p, k) for root, p in zip(self._roots, own.squares(), strict=True)]
         return self._integers[k]
+
+    def _float_constant(self, x: Any) -> BoundedPolynomial:
+        return BoundedPolynomial.constant(np.full(self._unit.shape, float(x)))
 
     def _float_limit(self, name: str) -> BoundedPolynomial:
         per_time, limit = quantity(name).per_time, self.limits[name]

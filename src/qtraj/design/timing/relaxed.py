@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from qtraj.design.by_speed import BySpeed
 from qtraj.design.timing.constraints import Parts, parts
+from qtraj.design.timing.formula_limits import is_jerk
 from qtraj.design.varying import strictest
 from qtraj.path.quantity import COMBINED
 
@@ -51,8 +52,9 @@ class Task(NamedTuple):
 
     @property
     def jerk(self) -> float:
-        """The lowest limit on the jerk [m/s³], or infinity."""
-        return min(float(strictest(bounds).get("jerk", np.inf)) for bounds in (self.bounds, *self.others))
+        """The lowest limit on the jerk or on an own quantity in its unit [m/s³], or infinity."""
+        own = [abs(float(x)) for name, x in strictest(self.bounds).items() if is_jerk(name)]
+        return min([np.inf, *own, *(float(strictest(x).get("jerk", np.inf)) for x in self.others)])
 
 
 def relaxed(
@@ -131,6 +133,8 @@ def _inverse_rates(p: Parts) -> Float[np.ndarray, " samples"]:
         rows.append(p.combined.upper)
     if p.road is not None:
         rows.append(p.road.upper)
+    if p.formulas is not None:
+        rows.append(p.formulas.highest)
     for (aa, ab), (_, bb) in p.forms:
         rows.append(np.sqrt(np.maximum(aa - np.divide(ab * ab, bb, out=np.zeros_like(bb), where=bb > 0), 0.0)))
     return np.max(rows, axis=0)

@@ -9,8 +9,7 @@ import numpy as np
 from qtraj.design.by_speed import BySpeed
 from qtraj.design.ellipse import OfSpeed
 from qtraj.design.limits import Limits
-from qtraj.design.obstacles.keep_out import refuse_obstacles
-from qtraj.design.timing.constraints import NAMES
+from qtraj.design.timing.constraints import NAMES, all_names
 from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.sided import SIDES_OF_RATES, SLOWEST
 from qtraj.design.varying import Varying, all_values
@@ -66,12 +65,11 @@ def require_known_along(path: AbstractHodograph, limits: Limits, speeds: Any) ->
 
 
 def require_timing_limits(limits: Limits, free: bool) -> tuple[str, ...]:
-    """Return the names of the limits, or raise an error if they cannot be used or cannot bound the speed.
+    """Return the names of the limits on the timing; raise an error if one is not supported, or the speed is unbounded.
 
     `free` indicates that neither end speed is prescribed; then a limit that bounds the speed is required.
     """
-    refuse_obstacles(limits, "retime", "the shape does not change, so check the path itself with qtraj.certify")
-    names = tuple(limits.given())
+    names = tuple(name for name in limits.given() if not quantity(name).of_shape)
     sides = [name for name in names if name not in NAMES and quantity(name).base in NAMES]
     if sides:
         base = quantity(sides[0]).base
@@ -79,11 +77,11 @@ def require_timing_limits(limits: Limits, free: bool) -> tuple[str, ...]:
             f"retime supports only one number as a limit on {base}, but {limits!r} was given: pass a number, and check "
             "the other side with qtraj.certify on the path of the result"
         )
-    if unknown := list(_without_sides(name for name in names if name not in NAMES)):
+    if unknown := list(_without_sides(name for name in names if name not in all_names(names))):
         raise ValueError(
-            f"retime supports limits only on {', '.join(_without_sides(NAMES))}. Remove the limits on "
-            f"{', '.join(unknown)}, and check them with qtraj.certify on the path of the result: quantities that "
-            "depend only on the shape, such as the curvature, are the same for every timing."
+            f"retime supports limits only on quantities of the shape, such as the curvature, on own quantities, and on "
+            f"{', '.join(_without_sides(NAMES))}. Remove the limits on "
+            f"{', '.join(unknown)}, and check them with qtraj.certify on the path of the result."
         )
     require_sides(limits)
     bounding = [name for name in NAMES if quantity(name).bounds_speed]
@@ -181,7 +179,7 @@ def require_bounded_at_stops(names: tuple[str, ...], stops: bool) -> None:
             "at a stop, the acceleration along the path must be limited on both sides: pass longitudinal_acceleration "
             "as a pair of two numbers, such as (-6, 2)"
         )
-    if stops and "power" in names and not bounded and not sides:
+    if stops and {"power", "power_max"} & set(names) and not bounded and not sides:
         raise ValueError(
             "a limit on power does not bound the acceleration at a stop of a route, and no other given limit bounds it "
             f"there. Add a limit on {', '.join(ACCELERATIONS[:-1])} or {ACCELERATIONS[-1]}."

@@ -12,13 +12,15 @@ from qtraj.design.limits import Limits, require_limits
 from qtraj.design.proof.certificate import require_float64
 from qtraj.design.timing.braking import Braked, braked
 from qtraj.design.timing.by_speed import one_interval
-from qtraj.design.timing.constraints import NAMES
+from qtraj.design.timing.constraints import all_names, uses_vehicle
 from qtraj.design.timing.creeping import evenly
 from qtraj.design.timing.differentiated import with_derivatives
 from qtraj.design.timing.ends import Begun, begun, known_speeds
+from qtraj.design.timing.formula_limits import of_third_order
 from qtraj.design.timing.judged import judged
 from qtraj.design.timing.laps import require_lap, require_no_stops
 from qtraj.design.timing.outcome import Retimed
+from qtraj.design.timing.own_requirements import require_formulas
 from qtraj.design.timing.part_search import Posed
 from qtraj.design.timing.part_timing import TimedPart, moving_time, timed
 from qtraj.design.timing.parts import STOP_DISTANCE, Part, known_segments, known_zero, of_path, stops_of
@@ -41,8 +43,8 @@ from qtraj.design.timing.requirements import (
 )
 from qtraj.design.timing.result_code import REACHED, accuracy_code
 from qtraj.design.timing.retimed_cells import of_parts
-from qtraj.design.timing.road import ON_ROAD
 from qtraj.design.timing.road_cells import road_of
+from qtraj.design.timing.shape_limits import require_checkable, with_shape_limits
 from qtraj.design.timing.sources import source
 from qtraj.design.timing.standstill import with_stops
 from qtraj.design.timing.timing import RetimedPath, speeds_at_ends
@@ -74,11 +76,14 @@ def retime(
 ) -> Retimed:
     """Compute the fastest timing along `path` that satisfies `limits`; the shape of the path does not change.
 
-    `limits` may contain only limits that depend on the timing: `speed`, `acceleration`, `lateral_acceleration`,
-    `longitudinal_acceleration`, `vertical_speed`, `vertical_acceleration`, `jerk`, `yaw_rate`, `yaw_acceleration`,
-    `curvature_rate`, `angular_rate` and, with a vehicle, `friction`, `power` and `normal_load`. `speed`,
-    `vertical_speed`, `yaw_rate`, `curvature_rate`, the load, and the longitudinal, vertical and yaw acceleration may
-    have two sides, as in `longitudinal_acceleration=(-6, 2)`.
+    `limits` may contain `speed`, `acceleration`, `lateral_acceleration`, `longitudinal_acceleration`, `vertical_speed`,
+    `vertical_acceleration`, `jerk`, `yaw_rate`, `yaw_acceleration`, `curvature_rate`, `angular_rate` and, with a
+    vehicle, `friction`, `power` and `normal_load`. `speed`, `vertical_speed`, `yaw_rate`, `curvature_rate`, the power,
+    the load, and the longitudinal, vertical and yaw acceleration may have two sides, as in
+    `longitudinal_acceleration=(-6, 2)`. Own quantities (`Quantity`) may contain derivatives up to the jerk, but not the
+    position. Where an own quantity divides by the speed, its value at an instant at rest is its limit there. Limits on
+    quantities of the shape, such as the curvature, and obstacles that do not move are the same for every timing: they
+    are checked once, and are part of the certificate.
 
     Limits may change along the way (`Along`): in a cell in which a limit changes, its strictest value holds, and such
     cells are small.
@@ -124,27 +129,28 @@ def retime(
     acceleration and the second derivative of u̇²(u) are continuous. So the limits are proved on a lap that is repeated.
 
     An interior-point method minimises the duration. The cost of a step is proportional to the number of cells. Without
-    limits on jerk and power the problem is convex. Limits are imposed at the knots and at one point inside each cell,
-    and are tightened in cells where they are violated between these points. If the path is polynomial, the limits are
-    then proved to be satisfied on every cell. At a stop, friction and power count as zero. `duration`, `path` and
-    `speeds` are differentiable with respect to the path and the limits, in forward and reverse mode; the largest values
-    of the certificate are constants. `jax.vmap` and `jax.lax.map` create batches. A route must have known values, as
-    under `grad` and `jvp` outside `jit` and `vmap`; it has derivatives with respect to the states of its joints, but
-    not with respect to their times, or to velocities and accelerations of zero at stops. In all derivatives the cells
-    and the tightening are constant. The limits of a route may be traced.
+    limits on jerk, power and own quantities the problem is convex. Limits are imposed at the knots and at one point
+    inside each cell, and are tightened in cells where they are violated between these points. If the path is
+    polynomial, the limits are then proved to be satisfied on every cell. At a stop, friction and power count as zero.
+    `duration`, `path` and `speeds` are differentiable with respect to the path and the limits, in forward and reverse
+    mode; the largest values of the certificate are constants. `jax.vmap` and `jax.lax.map` create batches. A route must
+    have known values, as under `grad` and `jvp` outside `jit` and `vmap`; it has derivatives with respect to the states
+    of its joints, but not with respect to their times, or to velocities and accelerations of zero at stops. In all
+    derivatives the cells and the tightening are constant. The limits of a route may be traced.
 
     The limits must bound the speed, otherwise the result has the code `speed_unbounded`. On a straight path, limits on
     friction and accelerations bound the speed only if a speed is given at one end, and a limit on power only if
     `start_speed` is given.
 
-    **Raises:** ValueError for limits that do not depend on the timing, free speeds without a limit that can bound them,
-    limits and speeds whose powers overflow, a negative speed, `knots` that is not a power of two from 16 to 16384, a
-    wrong `tolerance` or `duration`, a `duration` with traced arguments, a traced path in float32, a path that has a
-    timing already, a batch, a path other than a route whose velocity is zero at an instant, a route inside `jit` or
-    `vmap` or with differentiated times, a route that is always at rest, has a velocity of zero within a segment, or
-    whose velocity jumps (with a limit on the jerk, also a route whose acceleration jumps), and a route with stops and a
-    limit on power but none on acceleration, friction or jerk; with `periodic`, for a path that does not end as it
-    starts or has stops, and for a speed at an end. RuntimeError with `throw` if the retiming fails.
+    **Raises:** ValueError for limits that are not supported, obstacles that move, free speeds without a limit that can
+    bound them, limits and speeds whose powers overflow, a negative speed, `knots` that is not a power of two from 16 to
+    16384, a wrong `tolerance` or `duration`, a `duration`, own quantities, sides of the power, limits on the shape or
+    obstacles with traced arguments, a traced path in float32, a path that has a timing already, a batch, a path other
+    than a route whose velocity is zero at an instant, a route inside `jit` or `vmap` or with differentiated times, a
+    route that is always at rest, has a velocity of zero within a segment, or whose velocity jumps (with a limit on the
+    jerk, also a route whose acceleration jumps), and a route with stops and a limit on power but none on acceleration,
+    friction or jerk; with `periodic`, for a path that does not end as it starts or has stops, and for a speed at an
+    end. RuntimeError with `throw` if the retiming fails.
     """
     of_shape = isinstance(path, Shape)
     if isinstance(path, Shape):
@@ -164,6 +170,8 @@ def retime(
     lap = bool(periodic)
     if lap:
         require_lap(path, start_speed, end_speed)
+    require_checkable(limits, path, (start_speed, end_speed))
+    require_formulas(limits, path, (start_speed, end_speed))
     names = require_timing_limits(limits, start_speed is None and end_speed is None and not isinstance(path, Route))
     knots = None if knots is None else require_knots(knots)
     require_tolerance(tolerance)
@@ -173,16 +181,16 @@ def retime(
         path = with_stops(path, known_segments(path), stop_speed, stop_distance)
     path = evenly(path) if isinstance(path, Route) else path
     with np.errstate(over="ignore"):  # reported below
-        parts, standing = of_path(path, names, of_shape)
+        parts, standing = of_path(path, (*names, *(["jerk"] if of_third_order(names) else [])), of_shape)
     require_no_stops(lap, len(parts), any(standing))
     require_bounded_at_stops(names, any(any(part.stops) for part in parts))
     speeds = tuple(speed_at(v, side) for v, side in ((start_speed, "start"), (end_speed, "end")))
-    bounds = {name: given[name] for name in NAMES if name in given}
+    bounds = {name: given[name] for name in all_names(names) if name in given}
     bounds, ends = on_path(bounds, path), (parts[0].start, parts[-1].end)
     require_moving(bounds, speeds, ends, stops_of(parts))
     require_start_and_stop(bounds, speeds, stops_of(parts))
     speeds = tuple(faster_than_bound(v, bounds, u) for v, u in zip(speeds, ends, strict=True))
-    vehicle = limits.vehicle if set(names) & set(ON_ROAD) else None
+    vehicle = limits.vehicle if uses_vehicle(names) else None
     road = None if vehicle is None else road_of(limits, path, is_traced(path, limits, speeds))
     if not is_traced(path, bounds, road, speeds):
         bounds = {name: x if isinstance(x, Varying | OfSpeed) else np.asarray(x) for name, x in bounds.items()}
@@ -195,6 +203,7 @@ def retime(
     more |= {"braking_time": time, "braking_distance": distance}
     more["bounds"] = table(bounds, names, found[0].timing.knots, lambda: speeds_at_ends(found[0]))
     retimed = Retimed(*found, vehicle=vehicle, of_shape=of_shape, combined=limits.combined_acceleration, **more)
+    retimed = with_shape_limits(retimed, limits)
     return retimed.check() if throw else retimed
 
 

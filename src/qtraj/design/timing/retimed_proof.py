@@ -17,19 +17,20 @@ from qtraj.design.proof.envelope import differentiable
 from qtraj.design.proof.route import certify_route
 from qtraj.design.proof.varying import require_known
 from qtraj.design.timing import findings
-from qtraj.design.timing.constraints import NAMES
+from qtraj.design.timing.constraints import all_names, uses_vehicle
 from qtraj.design.timing.joints import jumps
+from qtraj.design.timing.own_requirements import provable
 from qtraj.design.timing.pieces import proved_in_pieces
 from qtraj.design.timing.proof import prove
 from qtraj.design.timing.retimed_cells import ROUNDINGS, Cells, cells_of, divides_equally
 from qtraj.design.timing.retimed_maxima import Limited, largest_in, largest_per_cell, values_in
-from qtraj.design.timing.road import ON_ROAD
 from qtraj.design.timing.road_cells import road_of
 from qtraj.design.timing.sources import source
 from qtraj.design.timing.timing import RetimedPath
 from qtraj.design.varying import Varying, on_path, varies
 from qtraj.foundation.arrays import constants, is_traced
 from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.quantity import quantity
 from qtraj.path.road_parameters import RoadParameters
 from qtraj.path.route import Route
 from qtraj.path.vehicle_data import axes_of
@@ -40,8 +41,9 @@ Certify = Callable[[AbstractHodograph, Limits], Certificate]
 def certify_retimed(path: RetimedPath, limits: Limits, certify: Certify) -> Certificate:
     """Return the certificate of a retimed path or a batch; `certify` certifies paths other than routes.
 
-    Limits on the timing are proved as in `retime`, and limits on the shape are proved on the original path. All other
-    limits are sampled. If the cells of the timing are not parts of a polynomial path, all limits are sampled.
+    Limits on the timing and constant limits on own quantities are proved as in `retime`, and limits on the shape are
+    proved on the original path. All other limits are sampled. If the cells of the timing are not parts of a polynomial
+    path, all limits are sampled.
     """
     batch, given = path.duration.shape, tuple(limits.given())
     limits.require_batch(batch, "the paths" if batch else "the path")
@@ -55,20 +57,34 @@ def certify_retimed(path: RetimedPath, limits: Limits, certify: Certify) -> Cert
     if cells is None or not given:
         return certify(path, limits)
     of_timing, of_shape = limits.on_timing(), limits.on_shape()
+    own = limits.only(() if batch or is_traced(path, limits) else _provable_own(path, limits))
     if isinstance(path.path, Route) and is_traced(limits):
         of_shape = limits.only(())
     found: list[Certificate] = []
     if of_timing.given():
         axes = jax.tree_util.tree_map_with_path(partial(_batch_axis, len(batch)), of_timing)
         found.append(_batched(lambda x, y: _of_timing(x, y, cells), (0, axes), len(batch))(path, of_timing))
+    if own.given():
+        found.append(_of_timing(path, own, cells))
     if of_shape.given():
         shape = path.path
         whole = certify_route(shape, of_shape).whole if isinstance(shape, Route) else certify(shape, of_shape)
         found.append(_batched(_at_new_times, (0, 0), len(batch))(path, whole))
-    proved = {*of_timing.given(), *of_shape.given()}
+    proved = {*of_timing.given(), *own.given(), *of_shape.given()}
     if len(proved) < len(given):
         found.append(certify(path, limits.only([name for name in given if name not in proved])))
     return findings.joined(found, given)
+
+
+def _provable_own(path: RetimedPath, limits: Limits) -> list[str]:
+    """Return the names of the constant limits on own quantities that depend on the timing, as far as proofs support."""
+    changes = limits.vehicle is not None and limits.vehicle.on_changing_road
+    constant = {name for name, x in limits.given().items() if not varies({name: x})}
+    return [
+        name
+        for name in limits.given()
+        if name in constant and provable(name, path.path) and not (changes and quantity(name).uses_vehicle)
+    ]
 
 
 def _batched(function: Any, axes: Any, count: int) -> Any:
@@ -105,7 +121,7 @@ def _of_timing(path: RetimedPath, limits: Limits, cells: Cells) -> Certificate:
         for name, x in on_path(limits.given(), path.path).items()
     }
     vehicle: Any = None
-    if set(names) & set(ON_ROAD):
+    if uses_vehicle(names):
         vehicle = road_of(limits, path.path, False)
         if isinstance(vehicle, RoadParameters):
             vehicle = vehicle.each(lambda x: xp.asarray(x, dtype))
@@ -146,7 +162,7 @@ def _certificate(
     """Return the certificate; `place` is the index of each cell among those with motion, or their number."""
     (path, cells, *_), xp = limited, limited.library
     knots = xp.asarray(path.timing.knots)
-    own = codes[np.array([NAMES.index(name) for name in names])]
+    own = codes[np.array([all_names(names).index(name) for name in names])]
     own = xp.where((own == PROVED) & jumps(path, cells, names), UNDECIDED, own)
     if is_traced(path) and not isinstance(path.path, Route):
         own = xp.where(divides_equally(path, cells), own, SAMPLED)

@@ -31,7 +31,10 @@ ROAD = ("friction", "power")
 LOADS = ("normal_load", "normal_load_min", "normal_load_max")
 """Limits that need a vehicle, and are affine in a."""
 
-ON_ROAD = (*ROAD, *LOADS)
+POWER_SIDES = ("power_min", "power_max")
+"""Both sides of a limit on the power, which are imposed like formulas of the user (see `formulas`)."""
+
+ON_ROAD = (*ROAD, *LOADS, *POWER_SIDES)
 """All limits that need a vehicle."""
 
 LEAST_LOAD = 1e-6

@@ -116,7 +116,7 @@ def searched(
     """
     of_nodes, between = jax.tree.map(lambda x: np.ascontiguousarray(np.moveaxis(x, 0, -3)), (of_nodes, between))
     program, within = Program(t.nodes, *of_nodes), t.within
-    cells, count, jerk = within.cells, program.constraints.per_node, program.constraints.jerk is not None
+    cells, count, jerk = within.cells, program.constraints.per_node, program.constraints.orders > 2
     with np.errstate(all="ignore"):  # a failed search ends with NaN
         state = _first_iterate(program, start, held)
         size, begins = len(state.steps), int(isinstance(start, Result))
@@ -194,8 +194,9 @@ def lost(between: Parts, r: Result) -> Float[np.ndarray, " cells"]:
 
 def between_nodes(between: Parts, within: Within, coefficients: Any) -> Float[Any, "limits *batch cells"]:
     """Return the maxima of `used` in each cell, from samples and parabolas through them."""
-    v = within.values(coefficients, CHECKED, 2 if between.jerk is None else ORDERS)
-    constant = between.road is None and between.bends is None and between.combined is None
+    third = between.jerk is not None or (between.formulas is not None and between.formulas.third)
+    v = within.values(coefficients, CHECKED, ORDERS if third else 2)
+    constant = all(x is None for x in (between.road, between.bends, between.combined, between.formulas))
     if namespace(coefficients, between.upper) is not np or not constant or within.cells <= COLUMNS:
         return _peaks(used(between, v))
     blocks = [slice(k, k + COLUMNS) for k in range(0, within.cells, COLUMNS)]

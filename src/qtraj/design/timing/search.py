@@ -192,7 +192,8 @@ def _imposed(problem: Problem, t: Tables) -> tuple[Program, Parts]:
     on_road = None if c.road is None else without(c.road, padding)
     bends = None if c.bends is None else c.bends.scaled(~padding)
     combined = None if c.combined is None else c.combined.without(padding)
-    c = Constraints(upper, forms, sides, jerk, on_road, bends, combined)
+    formulas = None if c.formulas is None else c.formulas.without(padding)
+    c = Constraints(upper, forms, sides, jerk, on_road, bends, combined, formulas)
     return Program(t.nodes, t.nodes.weight * shape.per_cell, c, most), between
 
 

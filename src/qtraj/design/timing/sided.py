@@ -11,6 +11,7 @@ from typing import Any
 from qtraj.design.by_speed import BySpeed
 from qtraj.design.ellipse import OfSpeed
 from qtraj.design.one_sided import scale_and_shift, stricter, value_at
+from qtraj.design.timing import formula_limits
 from qtraj.design.timing.road import LOADS
 from qtraj.design.varying import all_values
 from qtraj.foundation.namespace import namespace
@@ -55,6 +56,8 @@ def _reduced(name: str, bounds: Mapping[str, Any], fraction: float) -> Any:
         return bounds[name].stricter(quantity(name).side, BY_SPEED * fraction)
     if isinstance(bounds[name], OfSpeed):
         return bounds[name].scaled(1 - BY_SPEED * fraction)
+    if formula_limits.is_formula(name):
+        return formula_limits.reduced(name, bounds, fraction)
     if name in SIDED and name != SLOWEST:
         return stricter(name, bounds, fraction)
     return bounds[name] * (1 + fraction if name == SLOWEST else 1 - fraction)
@@ -80,6 +83,8 @@ def value_of(usage: Any, name: str, bounds: Mapping[str, Scalar]) -> Any:
     if name == SLOWEST:
         xp, (scale, shift) = namespace(usage, bounds[name]), _of_slowest(bounds[name] ** 2)
         return xp.sqrt(xp.maximum(shift - usage * scale, 0.0))
+    if formula_limits.is_formula(name):
+        return formula_limits.value_of(usage, name, bounds)
     if name in SIDES_OF_RATES:
         return quantity(name).side * usage * scale_and_shift(name, bounds)[0]
     return value_at(usage, name, bounds) if name in SIDED else _product(usage, bounds[name])

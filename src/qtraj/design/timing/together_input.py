@@ -9,6 +9,7 @@ import numpy as np
 
 from qtraj.design.by_speed import BySpeed
 from qtraj.design.limits import Limits, require_limits
+from qtraj.design.obstacles.keep_out import refuse_obstacles
 from qtraj.design.timing.bodies import SUPPORTED
 from qtraj.design.timing.parts import Part, known_segments, of_path, standing_ends
 from qtraj.design.timing.requirements import require_timing_limits
@@ -48,6 +49,7 @@ def limits_of_each(limits: Any, count: int) -> list[Limits]:
 
 def require_supported(limits: Limits, free: bool) -> tuple[str, ...]:
     """Return the names of the limits of one body, or raise an error if several bodies cannot have them."""
+    refuse_obstacles(limits, "retime_together", "check the paths of the results with qtraj.certify")
     names = require_timing_limits(limits, free)
     other = [name for name, x in limits.given().items() if name not in SUPPORTED or isinstance(x, BySpeed)]
     if other := list(dict.fromkeys([*limits.varying, *other])):

@@ -1,0 +1,170 @@
+"""`retime` with limits on quantities of one's own, on both sides of the power, on the shape, and with obstacles."""
+
+import jax
+import numpy as np
+import pytest
+
+import qtraj as qt
+
+ROUTE = qt.Route(
+    [0.0, 4.0, 8.0, 12.0],
+    [[0.0, 0, 0], [20, 5, 1], [40, 0, 0], [60, -8, 2]],
+    [[5.0, 0, 0], [5, 0, 0.2], [5, -1, 0], [5, 0, 0]],
+    np.zeros((4, 3)),
+)
+HELIX = qt.SpiralHelix([20.0, 0.5], [0.0, 0.3], [0.0, 0.5], 10.0)
+STOPPING = qt.Route(
+    [0.0, 4.0, 6.0, 10.0],
+    [[0.0, 0, 0], [20, 3, 0], [20, 3, 0], [40, 6, 1]],
+    [[0.0, 0, 0], [0, 0, 0], [0, 0, 0], [5, 1, 0]],
+    [[1.0, 0, 0], [-1, -0.15, 0], [1, 0.15, 0.1], [0, 0, 0]],
+)
+LINE = qt.Shape.through([[0.0, 0, 0], [50, 0, 0], [100, 0, 0]])
+CAR = qt.Vehicle(mass=1000.0, drag_area=0.7)
+OTHERS = {"speed": 15.0, "lateral_acceleration": 3.0, "longitudinal_acceleration": 2.0}
+
+SPEED = qt.Quantity("own_speed", "m/s", lambda p: p.speed)
+CLIMB = qt.Quantity("climb", "m/s", lambda p: p.velocity[2])
+SIDEWAYS = qt.Quantity("sideways", "m/s^2", lambda p: p.velocity.cross(p.acceleration).norm() / p.speed)
+ALONG = qt.Quantity("own_along", "m/s^2", lambda p: p.velocity.dot(p.acceleration) / p.speed)
+SIZE = qt.Quantity("size", "m/s^2", lambda p: p.acceleration.norm())
+RATE = qt.Quantity("own_jerk", "m/s^3", lambda p: p.jerk.norm())
+BEND = qt.Quantity("bend", "1/m", lambda p: p.velocity.cross(p.acceleration).norm() / p.speed**3)
+POWER = qt.Quantity(
+    "own_power",
+    "W",
+    lambda p: (
+        p.vehicle.mass
+        * (p.acceleration.dot(p.velocity) + p.vehicle.gravity * p.velocity[2] + p.vehicle.drag * p.speed**3)
+    ),
+)
+EXACT = 1e-6
+"""Relative difference of two durations whose searches have the same cells."""
+
+
+def timed(path, start_speed=0.0, end_speed=0.0, **limits):
+    found = qt.retime(path, qt.Limits(**limits), start_speed=start_speed, end_speed=end_speed)
+    assert found.certificate.holds, found.result
+    assert found.converged, found.result
+    return found
+
+
+@pytest.mark.parametrize(
+    ("quantity", "limit", "built_in", "path", "exact"),
+    [
+        (SPEED, 8.0, {"speed": 8.0}, ROUTE, True),
+        (SIDEWAYS, 3.0, {"lateral_acceleration": 3.0}, HELIX, False),
+        (ALONG, (-3.0, 1.0), {"longitudinal_acceleration": (-3.0, 1.0)}, ROUTE, False),
+        (SIZE, 3.0, {"acceleration": 3.0}, ROUTE, True),
+        (CLIMB, (-0.2, 0.3), {"vertical_speed": (-0.2, 0.3)}, HELIX, True),
+        (RATE, 2.0, {"jerk": 2.0}, HELIX, True),
+        (POWER, (None, 1e4), {"power": 1e4, "vehicle": CAR}, ROUTE, True),
+    ],
+)
+def test_quantity_equal_to_a_built_in_one_has_the_same_duration(quantity, limit, built_in, path, exact):
+    """Each duration is proved to within its gap of the minimum, and exact where both searches have the same cells."""
+    others = {name: x for name, x in OTHERS.items() if name not in built_in}
+    vehicle = {"vehicle": CAR} if quantity is POWER else {}
+    first = timed(path, **(others | built_in))
+    second = timed(path, **others, **vehicle, own={quantity: limit})
+    tolerance = EXACT if exact else max(float(first.gap), float(second.gap))
+    np.testing.assert_allclose(second.duration, first.duration, rtol=tolerance)
+
+
+def test_braking_power_on_a_straight_line_is_the_closed_form():
+    """With a constant braking power P, the speed satisfies v³ = v₀³ − 3Ps/m, and braking takes m(v₀² − v₁²)/(2P)."""
+    mass, power, fast, slow = 1000.0, 2e4, 12.0, 5.0
+    found = timed(LINE, None, slow, speed=fast, power=(-power, None), vehicle=qt.Vehicle(mass=mass))
+    distance = mass * (fast**3 - slow**3) / (3 * power)
+    exact = (100.0 - distance) / fast + mass * (fast**2 - slow**2) / (2 * power)
+    assert exact <= float(found.duration) <= exact * (1 + 1e-3)
+
+
+def test_sides_of_the_power_agree_with_samples():
+    found = timed(ROUTE, **OTHERS, power=(-4e3, 6e3), vehicle=CAR)
+    t = np.linspace(0.01, 0.999 * float(found.duration), 400)
+    power = np.asarray(qt.evaluate(found.path, t, ("power",), vehicle=CAR).power)
+    assert -4e3 <= power.min() < -0.999 * 4e3
+    assert 0.999 * 6e3 < power.max() <= 6e3
+
+
+def test_own_quantities_at_stops_in_between():
+    first = timed(STOPPING, None, None, speed=15.0, acceleration=5.0, longitudinal_acceleration=(-3.0, 2.0))
+    second = timed(STOPPING, None, None, speed=15.0, acceleration=5.0, own={ALONG: (-3.0, 2.0)})
+    np.testing.assert_allclose(second.duration, first.duration, rtol=max(float(first.gap), float(second.gap)))
+
+
+def test_lower_bounds_of_own_quantities():
+    first = timed(ROUTE, None, None, **(OTHERS | {"speed": (5.0, 9.0)}))
+    second = timed(ROUTE, None, None, **OTHERS, own={SPEED: (5.0, 9.0)})
+    np.testing.assert_allclose(second.duration, first.duration, rtol=1e-3)
+    speeds = np.asarray(qt.evaluate(second.path, np.linspace(0, float(second.duration), 200), ("speed",)).speed)
+    assert speeds.min() >= 5.0
+
+
+def test_contradicting_limits_are_named():
+    found = qt.retime(HELIX, qt.Limits(**OTHERS, own={SPEED: (14.0, 15.0)}))
+    assert not found.converged
+    assert "own_speed contradicts another limit" in found.result
+
+
+def test_certificate_of_another_timing_proves_own_quantities():
+    """The proofs agree with the extremes of samples, on both sides of each of them."""
+    path = timed(ROUTE, **OTHERS).path
+    t = np.linspace(0.0, float(path.duration), 2000)[1:-1]
+    for quantity in (SIZE, SIDEWAYS, ALONG, CLIMB):
+        highest = float(np.max(np.asarray(qt.evaluate(path, t, (quantity,))[quantity])))
+        for factor, status in ((1.01, "proved"), (0.99, "broken")):
+            found = qt.certify(path, qt.Limits(own={quantity: (None, factor * highest)}))
+            assert [*found.status.values()] == [status]
+
+
+def test_limits_that_no_timing_changes_are_checked_once():
+    far, near = qt.Ball([30.0, 0, 40], 3.0), qt.Ball([20.0, 5, 1], 3.0)
+    free = timed(ROUTE, speed=10.0, acceleration=3.0)
+    found = timed(
+        ROUTE, speed=10.0, acceleration=3.0, curvature=0.5, own={BEND: 0.5}, keep_out=[far], body=[(1.0, 1.0)]
+    )
+    assert float(found.duration) == float(free.duration)
+    assert found.certificate.names == ("speed", "acceleration", "curvature", "bend", "keep_out[0]")
+    assert found.timing_names == qt.speed_profile(found).names == ("speed", "acceleration")
+    assert np.isnan(np.asarray(found.usage)[2:]).all()
+    with pytest.raises(ValueError, match="does not depend on the timing"):
+        found.intervals("curvature")
+    for limits, name in (({"curvature": 0.005}, "curvature"), ({"keep_out": [near]}, r"keep_out\[0\]")):
+        broken = qt.retime(ROUTE, qt.Limits(speed=10.0, **limits))
+        assert not broken.converged
+        assert name.replace("\\", "") in broken.result
+
+
+def test_prescribed_duration_scales_limits_on_own_accelerations():
+    limits = qt.Limits(speed=15.0, own={SIDEWAYS: 3.0, SIZE: 4.0})
+    found = qt.retime(HELIX, limits, 0.0, 0.0, duration=30.0)
+    assert found.certificate.holds
+    np.testing.assert_allclose(found.duration, 30.0, rtol=1e-3)
+    assert float(found.share) < 0.5
+
+
+@pytest.mark.parametrize(
+    ("function", "unit", "path", "fragment"),
+    [
+        (lambda p: p.snap.norm(), "m/s^4", ROUTE, "contains derivatives above the order 3"),
+        (lambda p: p.position.cross(p.velocity)[2], "m^2/s", ROUTE, "contains the position and depends on the timing"),
+        (lambda p: jax.numpy.sin(p.velocity[2]), "1", ROUTE, r"is not a formula of \+ - \* /"),
+        (lambda p: p.speed + 3.0, "m/s", ROUTE, "adds numbers with different units"),
+        (lambda p: p.velocity[0], "m/s", HELIX, "contains components along x or y"),
+    ],
+)
+def test_unsupported_quantities_are_refused_with_the_reason(function, unit, path, fragment):
+    with pytest.raises(ValueError, match=fragment):
+        qt.retime(path, qt.Limits(speed=15.0, own={qt.Quantity("mine", unit, function): 3.0}))
+
+
+def test_traced_limits_on_formulas_are_refused():
+    def duration(limit):
+        return qt.retime(ROUTE, qt.Limits(speed=15.0, own={SIDEWAYS: limit})).duration
+
+    with pytest.raises(ValueError, match=r"supports the limit on sideways only for .* concrete values"):
+        jax.grad(duration)(3.0)
+    with pytest.raises(ValueError, match="curvature does not depend on the timing"):
+        jax.grad(lambda x: qt.retime(ROUTE, qt.Limits(speed=x, curvature=1.0)).duration)(3.0)
