@@ -27,10 +27,16 @@ path = qt.SpiralHelix([20.0, 1.0, 0.3, -0.05], [0.2, 0.35, 0.01], [1.0, 0.4, 0.0
 start = qt.BoundaryState([20.0, 0.0, 0.0], [1.0, 7.0, 0.3])
 end = qt.BoundaryState([0.0, 28.0, 1.5], [-9.8, -1.0, 0.0])
 limits = qt.Limits(curvature=0.048, lateral_acceleration=2.2)
+states = [[0.0, 0, 0], [3, 1, 0], [5, 4, 1]], [[3.0, 0, 0], [3, 2, 1], [2, 4, 1]]
+route = qt.Route([0.0, 1.0, 2.0], *states, np.zeros((3, 3)))
+on_route = qt.Limits(curvature=3.0, speed=20.0)
 timed = qt.Limits(speed=13.9, lateral_acceleration=1.5, longitudinal_acceleration=1.2)
 CALLS = {
     "certify": (qt.certify, (path, limits)),
+    "certify a route": (qt.certify, (route, on_route)),
     "tune": (qt.tune, (start, end, limits)),
+    "tune_route": (qt.tune_route, (route, on_route)),
+    "certify_box": (lambda *x: qt.certify_box(*x, qt.Box(start_speed=[-0.1, 0.1])), (path, limits)),
     "retime": (lambda path, limits: qt.retime(path, limits, knots=64), (path, timed)),
     "peak": (lambda path: qt.peak(path, "curvature"), (path,)),
 }
