@@ -221,11 +221,8 @@ def _at_nodes(
     def climbing() -> tuple[Any, Any]:
         return i.W, half * i.V
 
-    squares = (
-        *(lambda x=x: forms.square(*x()) for x in (lambda: along, turning, climbing)),
-        lambda: forms.squared_norm(i, half),
-    )
-    each = dict(zip(FORMS, squares, strict=True))
+    squared = [lambda x=x: forms.square(*x()) for x in (lambda: along, turning, climbing)]
+    each = dict(zip(FORMS, [*squared, lambda: forms.squared_norm(i, half)], strict=True))
     own = [xp.stack(each[name]()) / bounds[name] ** 2 for name in FORMS if name in bounds]
     scaled = _stacked([forms.symmetric(x) for x in own], (2, 2), i.S)
     loaded = lambda: (load[1], 0.0 * i.S)  # noqa: E731
