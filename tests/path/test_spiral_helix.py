@@ -218,3 +218,14 @@ def test_ten_thousand_boundary_problems_compile_once():
         assert float(jnp.max(errors)) < 1e-11
         np.testing.assert_allclose(jax.vmap(lambda path: path.turn)(paths), math.pi / 2, rtol=1e-12)
     assert compiled == 1
+
+
+def test_a_path_of_float32_has_no_float64():
+    """Its values have the widest dtype of its numbers."""
+    start, end = (jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), x) for x in states())
+    for path in (
+        qt.SpiralHelix.hermite(start, end, jnp.float32(3.0)),
+        qt.SpiralHelix(*(jnp.asarray(x, jnp.float32) for x in ([10.0, 1.0], [0.0, 1.0], [0.0, 0.5])), jnp.float32(3)),
+    ):
+        assert {x.dtype for x in jax.tree.leaves(path)} == {np.dtype(np.float32)}
+        assert qt.evaluate(path, jnp.linspace(0.0, 3.0, 5, dtype=jnp.float32)).position.dtype == np.float32

@@ -12,7 +12,7 @@ from qtraj.algebra import polynomial
 from qtraj.foundation.arrays import as_float, one_instant, real_scalar, require_finite, require_positive
 from qtraj.foundation.document import reads_older, storable
 from qtraj.foundation.methods import method
-from qtraj.foundation.namespace import in_numpy, of_arrays, xp
+from qtraj.foundation.namespace import in_numpy, is_host, of_arrays, xp
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, batch_prefix, extent
 from qtraj.foundation.seconds import seconds
@@ -66,7 +66,8 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
         self.height = _coefficients(height, "height")
         self.duration = real_scalar(seconds(duration), "the duration of a spiral-helix")
         self.placement = placement
-        self.mismatch = as_float(mismatch)
+        own = as_float(mismatch)
+        self.mismatch = own.astype(self.duration.dtype) if is_host(own) else own
         require_positive(self.duration, "the duration of a spiral-helix", "s")
 
     def record(self) -> Record:
