@@ -139,7 +139,7 @@ def _tuned(loaded: "ScenarioFile[Any]", overrides: tuple[str | None, str | None,
         return Result(task, before, best, compare_paths(task.path, best.path, (task.start, task.end)), robust)
 
 
-def _with(tuned: "Tuned", certificate: "Certificate") -> "Tuned":
+def _with(tuned: Any, certificate: "Certificate") -> "Tuned":
     """Return the result of a tuning within tightened limits, with the certificate of the specified limits."""
     import equinox as eqx
 
