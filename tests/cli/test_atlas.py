@@ -114,6 +114,55 @@ def test_bad_scenarios_are_refused_with_one_message(qtraj, tmp_path, old, new, m
         read_scenario(tmp_path / "s.toml", "atlas")
 
 
+THIRD = """z = {key = "limits.speed", values = [0.001, 20.0]}
+"""
+
+
+def test_a_third_key_has_an_atlas_for_each_value_and_a_report(qtraj, tmp_path):
+    """Each is the atlas of a scenario with this value; at a walking pace of 1 mm/s nothing is feasible."""
+    text = BASE.replace("steps = 2", "steps = 1").replace("[limits]", "[tune]\nstarts = 1\n[limits]")
+    text = text.replace("tolerance = 1.0", "tolerance = 9.0").replace("tolerance = 5.0", "tolerance = 40.0")
+    (tmp_path / "s.toml").write_text(text + THIRD)
+    result = qtraj("atlas", tmp_path / "s.toml", "--json", "--out", tmp_path / "out")
+    assert result.exit_code == 0
+    content = json.loads(result.stdout)
+    assert content["axes"]["z"] == {"key": "limits.speed", "values": [0.001, 20.0], "unit": "m s-1"}
+    assert [x["value"] for x in content["atlases"]] == [0.001, 20.0]
+    atlases = [qt.load(tmp_path / "out" / f"atlas_{k}.json") for k in (1, 2)]
+    for atlas, one in zip(atlases, content["atlases"], strict=True):
+        assert atlas.shares == one["shares"]
+    assert len({tuple(x.status.tolist()) for x in atlases}) == 2
+    with xarray.open_dataset(tmp_path / "out" / "atlas_2.nc") as data:
+        assert data.attrs["third_key"] == "limits.speed = 20 m/s"
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert page.count("<img") == 2
+    (tmp_path / "one.toml").write_text(text.replace("curvature = 0.1", "curvature = 0.1\nspeed = 0.001"))
+    alone = atlas_task(read_scenario(tmp_path / "one.toml", "atlas")).computed()
+    np.testing.assert_array_equal(alone.status, atlases[0].status)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("[0.001, 20.0]", "[0.1]", "must be 2 to 64 different numbers in ascending order"),
+        ("[0.001, 20.0]", "[0.1, 0.05]", "must be 2 to 64 different numbers in ascending order"),
+        ("[0.001, 20.0]", "[0.1, 0.1]", "must be 2 to 64 different numbers in ascending order"),
+        ("[0.001, 20.0]", "[nan, 0.1]", "atlas.z.values"),
+        ("[0.001, 20.0]", "[-0.1, 0.1]", "speed"),
+        ("limits.speed", "start.speed", "atlas.x and atlas.z have the same key"),
+        ("limits.speed", "limits.sped", "unknown path quantity 'sped'"),
+        ("limits.speed", "mass", "cannot change in an atlas"),
+        ("limits.speed", "limits.longitudinal_acceleration", "so it must be one number"),
+    ],
+)
+def test_bad_third_keys_are_refused(qtraj, tmp_path, old, new, message):
+    (tmp_path / "s.toml").write_text(BASE + THIRD.replace(old, new))
+    result = qtraj("atlas", tmp_path / "s.toml", "--out", tmp_path / "out")
+    assert result.exit_code == 2
+    assert message in " ".join(result.stderr.split())
+    assert not (tmp_path / "out").exists()
+
+
 def test_an_atlas_without_a_feasible_point_exits_with_1(qtraj, tmp_path):
     text = BASE.replace("[limits]", "[tune]\nstarts = 1\n[limits]\nspeed = 0.001").replace("steps = 2", "steps = 1")
     (tmp_path / "s.toml").write_text(text)

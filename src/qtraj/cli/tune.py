@@ -1,9 +1,11 @@
 """Implement `qtraj tune`, which tunes boundary velocities so that a path satisfies its limits."""
 
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
 import typer
 
 from qtraj.cli import layout, terminal
@@ -16,6 +18,8 @@ from qtraj.scenario import KINDS
 
 if TYPE_CHECKING:  # type checkers cannot read names from a registry
     from qtraj.design.proof.certificate import Certificate
+    from qtraj.design.robust.box_outcome import BoxTuned
+    from qtraj.design.robust.outcome import RobustTuned
     from qtraj.design.tuning.outcome import Tuned
     from qtraj.foundation.folder import Writer
     from qtraj.path.change import PathChange
@@ -62,6 +66,9 @@ def tune(
     The command writes a labelled dataset of the original and the tuned path (paths.nc), the tuned path (path.toml), the
     complete result (tuning.toml) and a figure (tuning.png, tuning.svg). The exit code is 1 if a limit is not satisfied,
     the tuning does not converge, or the path does not fit its recording.
+
+    With a table `spread` or `box` of deviations, the command tightens the limits, so that they are satisfied with a
+    stated probability, or for all deviations. It then also writes the result of `qtraj.robust_tune` (robust.toml).
     """
     watch.say("reading")
     # Imported here, so that --help does not wait for pydantic and xarray.
@@ -73,7 +80,7 @@ def tune(
 
     loaded = read_scenario(scenario, "path", track or {})
     result = _tuned(loaded, (motion and motion.value, objective and objective.value, starts), watch)
-    task, before, best, change = result
+    task, before, best, change, robust = result
     content = {
         "recording": recorded(task.recording),
         "fit": facts_of(task.fitted),
@@ -83,22 +90,27 @@ def tune(
         "tuned": plain(best.record()),
         "change": plain(change.record()),
         "tuning": _tuning(task, best),
+        **({} if robust is None else {"robust": _robust(robust)}),
         "warning": change.warning and f"{change.warning} {CAUSES}",
     }
     fitted = task.fitted is None or bool(task.fitted.successful)
-    met = fitted and best.converged and best.certificate.met
+    met = fitted and best.converged and best.certificate.met and (robust is None or bool(robust.successful))
     restrictions = {"fixed": ", ".join(task.part.fixed), "bounds": bounds_text(task.part.ranges)}
     writers = _files(loaded, content, restrictions, result)
     return Outcome(content, _text(content, restrictions, result), loaded, not met, writers)
 
 
 class Result(NamedTuple):
-    """The task of a scenario, the certificate of its path, the result of the tuning, and the change of the path."""
+    """The task of a scenario, the certificate of its path, the result of the tuning, and the change of the path.
+
+    `robust`: the result of a tuning with margins; the certificate of `best` is that of the limits without margins.
+    """
 
     task: "PathTask"
     before: "Certificate"
     best: "Tuned"
     change: "PathChange"
+    robust: "RobustTuned | BoxTuned | None"
 
 
 def _tuned(loaded: "ScenarioFile[Any]", overrides: tuple[str | None, str | None, int | None], watch: Watch) -> Result:
@@ -118,10 +130,27 @@ def _tuned(loaded: "ScenarioFile[Any]", overrides: tuple[str | None, str | None,
     with naming(f"{loaded.file}: "):
         watch.say("checking the path")
         corridor = task.part.corridor
-        before = certify(task.path, task.limits, corridor=corridor, reference=None if corridor is None else task.path)
+        reference = None if corridor is None else task.path
+        check = partial(certify, limits=task.limits, corridor=corridor, reference=reference)
+        before = check(task.path)
         watch.say("tuning")
-        best = task.tuned(watch.tuning)
-        return Result(task, before, best, compare_paths(task.path, best.path, (task.start, task.end)))
+        robust = task.robust_tuned(watch.tuning)
+        best = task.tuned(watch.tuning) if robust is None else _with(robust.tuned, check(robust.tuned.path))
+        return Result(task, before, best, compare_paths(task.path, best.path, (task.start, task.end)), robust)
+
+
+def _with(tuned: Any, certificate: "Certificate") -> "Tuned":
+    """Return the result of a tuning within tightened limits, with the certificate of the specified limits."""
+    import equinox as eqx
+
+    return eqx.tree_at(lambda x: x.certificate, tuned, certificate)
+
+
+def _robust(robust: "RobustTuned | BoxTuned") -> dict[str, Any]:
+    """Return the result of a tuning with margins as JSON types."""
+    tightened = {name: float(np.asarray(x)) for name, x in robust.limits.given().items()}
+    shares = {name: float(getattr(robust, name)) for name in ("share", "sampled_share") if hasattr(robust, name)}
+    return {"result": robust.result, "tightened_limits": tightened, "tunings": int(robust.rounds), **shares}
 
 
 def _tuning(task: "PathTask", best: "Tuned") -> dict[str, Any]:
@@ -144,20 +173,24 @@ def _files(
     """Return the writers of the files."""
     from qtraj.motion.programs.rotation_minimizing import frame_named
     from qtraj.viz.command_files import tuned_files  # imported after the computation, because matplotlib is slow
+    from qtraj.viz.result_files import documents
 
-    task, before, best, _ = result
+    task, before, best, _, robust = result
     facts = {name: content["tuning"][name] for name in ("objective", "motion", "status", "result")}
     facts |= restrictions | {"warning": content["warning"]}
     about = loaded.provenance() | {f"tuning_{name}": text for name, text in facts.items() if text}
     frame = frame_named(content["frame"])
-    return tuned_files(task.path, before, best, task.limits, frame, task.track, task.fitted, about)
+    if robust is not None:
+        about["tuning_robust"] = robust.result
+    files = tuned_files(task.path, before, best, task.limits, frame, task.track, task.fitted, about)
+    return files | documents({"robust.toml": robust})
 
 
 def _text(content: dict[str, Any], restrictions: dict[str, str], result: Result) -> list[layout.Part]:
     """Return the fit, the limits, the changes and the result as text."""
     from qtraj.design.proof.limit_rows import limit_change_rows
 
-    task, before, best, change = result
+    task, before, best, change, robust = result
     limits = limit_change_rows(before, best.certificate)
     columns = ("value", "limit", "margin", "at [s]")
     velocities = "Boundary velocities before and after"
@@ -171,6 +204,6 @@ def _text(content: dict[str, Any], restrictions: dict[str, str], result: Result)
         layout.heading(f"Result: objective '{task.objective}', motion '{task.motion}'"),
         restrictions["fixed"] and f"Fixed: {restrictions['fixed']}.",
         restrictions["bounds"] and f"Bounded: {restrictions['bounds']}.",
-        best.result,
+        best.result if robust is None else robust.result,
         layout.styled(content["warning"], layout.NOTE),
     ]

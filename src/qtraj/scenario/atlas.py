@@ -1,5 +1,6 @@
-"""Define the scenario keys of an atlas: a tuning problem, and the two keys that change, and build its function."""
+"""Define the scenario keys of an atlas, a tuning problem with two or three keys that change, and build its function."""
 
+import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
@@ -11,6 +12,7 @@ from qtraj.foundation.naming import naming
 from qtraj.foundation.progress import Report
 from qtraj.foundation.suggestion import suggestion
 from qtraj.path.boundary import BoundaryState
+from qtraj.path.own_units import unit_of
 from qtraj.path.placement import Placement
 from qtraj.path.quantity import quantity
 from qtraj.scenario import keys
@@ -23,6 +25,9 @@ from qtraj.sweeps.atlas.outcome import Atlas
 from qtraj.sweeps.atlas.tuned_points import tuned_points
 
 LIMITS = "limits."
+
+MOST_SLICES = 64
+"""Maximum number of values of the third key."""
 
 UNITS = {
     "start.speed": "m/s",
@@ -67,20 +72,54 @@ class AxisPart(Part):
         return AtlasAxis(self.key, low, high, self.tolerance, self.steps, _unit(self.key))
 
 
+class SlicesPart(Part):
+    """A third key that changes, one of those of the axes: an atlas is computed for each of its values."""
+
+    key: keys.Text = keys.key("the key that changes", values='a key, such as "limits.curvature"')
+    values: list[keys.Number] = keys.key(
+        "its values, in SI units", values=f"2 to {MOST_SLICES} different finite numbers in ascending order"
+    )
+
+    def _faults(self) -> Iterator[str]:
+        if not 2 <= len(self.values) <= MOST_SLICES or self.values != sorted(set(self.values)):
+            yield (
+                f"atlas.z.values must be 2 to {MOST_SLICES} different numbers in ascending order, but {self.values} "
+                "was given"
+            )
+        if self.key in MAGNITUDES and self.values[0] < 0:
+            yield f"the values of {self.key} start at {self.values[0]}, but this key cannot be negative"
+        self.unit()  # raises for an unknown key
+
+    def unit(self) -> str:
+        """Return the unit of the key in netCDF notation.
+
+        **Raises:** ValueError for an unknown key.
+        """
+        return unit_of(_unit(self.key))
+
+
 class AtlasPart(Part):
     """The axes of the atlas, and the borders that are followed."""
 
     x: AxisPart = key("the horizontal axis", values="a table [atlas.x]")
     y: AxisPart = key("the vertical axis", values="a table [atlas.y]")
+    z: SlicesPart | None = key(
+        "a third key; one atlas is computed for each of its values, which a slider in report.html selects", None
+    )
     follow: Literal["feasible", "status", "limit"] = key(
         "the borders that are followed: of the feasible region, between all classes, or also between different limits",
         "feasible",
     )
-    max_evaluations: keys.Counts = key("maximum number of tunings", MAX_EVALUATIONS)
+    max_evaluations: keys.Counts = key("maximum number of tunings of each atlas", MAX_EVALUATIONS)
+
+    def parts(self) -> dict[str, AxisPart | SlicesPart]:
+        """Return the tables of the keys that change, by name."""
+        both: dict[str, AxisPart | SlicesPart] = {"x": self.x, "y": self.y}
+        return both if self.z is None else {**both, "z": self.z}
 
 
 class AtlasScenario(PathScenario):
-    """A tuning problem, as for `qtraj tune`, and two of its keys that change."""
+    """A tuning problem, as for `qtraj tune`, and two or three of its keys that change."""
 
     atlas: AtlasPart = key("the axes of the atlas", values="a table [atlas]")
 
@@ -88,12 +127,17 @@ class AtlasScenario(PathScenario):
         yield from super()._faults()
         if self.limits.keep_out:
             yield "an atlas tunes boundary velocities, which does not support obstacles: omit limits.keep_out"
+        for name in self.given("spread", "box"):
+            yield f"an atlas tunes without margins: omit [{name}], or specify smaller limits"
         if not self.limits.limits():
             yield "the table [limits] is missing or empty, but an atlas needs at least one limit"
-        if self.atlas.x.key == self.atlas.y.key:
-            yield f"atlas.x and atlas.y have the same key, {self.atlas.x.key!r}: choose another key for one of them"
+        parts = self.atlas.parts()
+        for one, other in itertools.combinations(parts, 2):
+            if parts[one].key == parts[other].key:
+                key = parts[one].key
+                yield f"atlas.{one} and atlas.{other} have the same key, {key!r}: choose another key for one of them"
         numbers = self.limits.limits()
-        for name in (part.key.removeprefix(LIMITS) for part in (self.atlas.x, self.atlas.y) if LIMITS in part.key):
+        for name in (part.key.removeprefix(LIMITS) for part in parts.values() if LIMITS in part.key):
             if name in numbers and not isinstance(numbers[name], float | int):
                 yield f"limits.{name} is a key of the atlas, so it must be one number"
 
@@ -105,12 +149,14 @@ class AtlasTask:
     tuning: PathTask
     part: AtlasPart
 
-    def computed(self, progress: Report | None = None) -> Atlas:
-        """Return the atlas."""
+    def computed(self, progress: Report | None = None, third: float | None = None) -> Atlas:
+        """Return the atlas, for a value of the third key if there is one."""
         names = (self.part.x.key, self.part.y.key)
         arguments = self.tuning.tuning()
         varied = {name: arguments.pop(name) for name in ("start", "end", "limits", "duration", "turn", "placement")}
         point = Point(**varied)
+        if self.part.z is not None and third is not None:
+            point = point.at(self.part.z.key, third)
 
         def problem(x: float, y: float) -> dict[str, Any]:
             return point.at(names[0], x).at(names[1], y)._asdict()
@@ -151,8 +197,12 @@ def atlas_task(loaded: ScenarioFile[AtlasScenario]) -> AtlasTask:
     task = lay(loaded)  # pyright: ignore[reportArgumentType]
     with naming(f"{loaded.file}: "):
         part = loaded.scenario.atlas
+        point = Point(task.start, task.end, task.limits, None, None, task.path.placement)
         for axis in (part.x, part.y):
-            Point(task.start, task.end, task.limits, None, None, task.path.placement).at(axis.key, axis.range[1])
+            point.at(axis.key, axis.range[1])
+        if part.z is not None:
+            for value in part.z.values:
+                point.at(part.z.key, value)
     return AtlasTask(task, part)
 
 

@@ -7,6 +7,8 @@ from typing import Any
 
 from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.limits import Limits
+from qtraj.design.robust.box_outcome import BoxTuned
+from qtraj.design.robust.outcome import RobustTuned
 from qtraj.design.tuning.initial import initial_path
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.foundation.naming import naming
@@ -27,6 +29,7 @@ from qtraj.scenario.limit_keys import LimitsPart
 from qtraj.scenario.path_parts import FitPart, RetimePart, TrackPart, TunePart
 from qtraj.scenario.reader import ScenarioFile
 from qtraj.scenario.recorded_limits import along_path, with_odd_limits
+from qtraj.scenario.robust_part import BoxPart, SpreadPart
 from qtraj.scenario.sweep_part import SweepPart
 from qtraj.scenario.vehicle import Beside, VehiclePart, require_vehicle
 
@@ -109,6 +112,8 @@ class PathScenario(LimitedScenario):
     )
     turns: keys.Wholes | None = key("additional whole turns of a path between two states", None)
     tune: TunePart = key("settings of the tuning", TunePart())
+    spread: SpreadPart | None = key("standard deviations, for a tuning with margins", None)
+    box: BoxPart | None = key("intervals of deviations, for a tuning with margins that are proved", None)
 
     @property
     def motion(self) -> str:
@@ -135,6 +140,8 @@ class PathScenario(LimitedScenario):
                 )
         if self.tune.turns is not None and self.start is None:
             yield "tune.turns is valid only with [start] and [end]: a track or a saved path already defines its turn"
+        if self.spread is not None and self.box is not None:
+            yield "spread and box both describe what deviates: specify one of them"
         for name in self.given("duration", "turns"):
             if getattr(self.tune, name) is not None:
                 yield f"{name} and tune.{name} are the same setting: specify one of them"
@@ -143,7 +150,10 @@ class PathScenario(LimitedScenario):
 
 @dataclass(frozen=True)
 class PathTask:
-    """The task of `qtraj tune`: the original path, and the arguments of `qtraj.tune`; `part` is the table [tune]."""
+    """The task of `qtraj tune`: the original path, and the arguments of `qtraj.tune`; `part` is the table [tune].
+
+    `deviations`: the table [spread] or [box].
+    """
 
     path: SpiralHelix
     start: BoundaryState
@@ -159,6 +169,7 @@ class PathTask:
     recording: Recording | None = None
     fitted: Fitted | None = None
     nearest_to: AbstractHodograph | None = None
+    deviations: SpreadPart | BoxPart | None = None
 
     @property
     def track(self) -> Track | None:
@@ -176,6 +187,14 @@ class PathTask:
         from qtraj.design.tuning.tune import tune
 
         return tune(**self.tuning(), progress=progress)
+
+    def robust_tuned(self, progress: Report | None = None) -> RobustTuned | BoxTuned | None:
+        """Return the result of `qtraj.robust_tune`; None if nothing deviates."""
+        if self.deviations is None:
+            return None
+        from qtraj.design.robust.robust_tune import robust_tune
+
+        return robust_tune(**self.tuning(), **self.deviations.arguments(), progress=progress)
 
 
 def lay(
@@ -197,6 +216,7 @@ def lay(
         "motion": motion or scenario.motion,
         "starts": scenario.tune.starts if starts is None else starts,
         "part": scenario.tune,
+        "deviations": scenario.spread or scenario.box,
     }
     with naming(f"{loaded.file}: "):
         if scenario.tune.nearest_to is not None:

@@ -91,6 +91,8 @@ def together(scenario: PathScenario, task: PathTask, points: Points, rows: Rows)
     count, moved = int(rows.sum()), [name for name in points if name in STATES or name in TIMES]
     chosen = {name: values[rows].astype(float) for name, values in points.items()}
     given, vehicle = task.limits, task.limits.vehicle
+    if task.deviations is not None:
+        return None
     if given.varying or given.keep_out is not None or (vehicle is not None and vehicle.road is not None):
         return None
     if moved and (scenario.start is None or scenario.end is None or scenario.start.acceleration is not None):

@@ -26,9 +26,11 @@ BATCHED = ("start", "end", "limits", "duration", "turn")
 
 
 def tuned(tasks: Sequence[PathTask]) -> Outputs:
-    """Tune all tasks, in one batch if they differ in numbers only."""
+    """Tune all tasks, in one batch if they differ in numbers only; with margins, one after the other."""
     from qtraj.design.tuning.tune import tune
 
+    if any(task.deviations is not None for task in tasks):
+        return results.stacked([results.of_robust(task.robust_tuned()) for task in tasks])
     arguments = [task.tuning() for task in tasks]
     shared = [{name: x for name, x in a.items() if name not in BATCHED} for a in arguments]
     own = [{name: a[name] for name in BATCHED} for a in arguments]

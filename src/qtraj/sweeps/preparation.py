@@ -130,9 +130,12 @@ def _learned(function: Callable[..., Any], batch: bool, rows: Rows) -> Schema:
         except (WrongOutputError, *FATAL):
             raise
         except Exception as error:
-            first = first or (error.__cause__ if isinstance(error, NoValidPointError) else error)
+            first = first or error
             continue
         return _checked(schema, rows)
+    if isinstance(first, NoValidPointError):
+        values = ", ".join(f"{name} = {value:.9g}" for name, value in rows.point(0).items())
+        raise ValueError(f"none of the points that were tried is valid; at the first, {values}: {first}") from first
     raise ValueError(
         f"the function raises an error at all of the first points; at the first, {rows.point(0)}, it is "
         f"{type(first).__name__}: {first}"

@@ -1,5 +1,6 @@
 """Draw an atlas: the feasible region with a value as colour and contours, its border, and the limits outside."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import matplotlib as mpl
@@ -30,12 +31,20 @@ WIDE = 56
 """Labels of this length need a column of their own."""
 
 
-def atlas_figure(atlas: Atlas, value: str | None = None, title: str = "") -> Figure:
+def atlas_figure(
+    atlas: Atlas,
+    value: str | None = None,
+    title: str = "",
+    *,
+    limits: Sequence[str] | None = None,
+    bounds: tuple[float, float] | None = None,
+) -> Figure:
     """Draw the classes of an atlas over its two parameters.
 
     Inside the feasible region, `value` is shown by colours and contour lines; by default it is "duration" if the atlas
     contains it. The infeasible region is coloured by the limits that are met first. The border of the feasible region
-    is a black line.
+    is a black line. For figures that are compared, `limits` are the names of all limits that have a colour, and
+    `bounds` the range of the colours of the value; by default, those of this atlas.
 
     **Raises:** ValueError for a value that the atlas does not contain.
     """
@@ -48,9 +57,9 @@ def atlas_figure(atlas: Atlas, value: str | None = None, title: str = "") -> Fig
     with mpl.rc_context(RC):
         figure = Figure(figsize=SIZE, layout="constrained")
         axes = figure.add_subplot()
-        handles = _draw_classes(axes, x, y, found, value is not None)
+        handles = _draw_classes(axes, x, y, found, value is not None, limits_in(atlas) if limits is None else limits)
         if value is not None:
-            _draw_value(figure, axes, (x, y), found, value)
+            _draw_value(figure, axes, (x, y), found, value, bounds)
         for line in atlas.border:
             axes.plot(*line.T, color="0.0", lw=1.4)
         frame(axes)
@@ -64,13 +73,17 @@ def atlas_figure(atlas: Atlas, value: str | None = None, title: str = "") -> Fig
     return figure
 
 
+def limits_in(atlas: Atlas) -> list[str]:
+    """Return the limits that are met first at infeasible points, or combinations of them, in alphabetical order."""
+    return sorted({str(name) for name in atlas.first_limit[atlas.codes == INFEASIBLE]} - {""})
+
+
 def _draw_classes(
-    axes: Any, x: np.ndarray, y: np.ndarray, found: dict[str, np.ndarray], has_value: bool
+    axes: Any, x: np.ndarray, y: np.ndarray, found: dict[str, np.ndarray], has_value: bool, limits: Sequence[str]
 ) -> list[Patch]:
     """Fill the plane with the colours of classes and limits; return the entries of the legend."""
     status, limit = found["status"], found["first_limit"]
     kinds = np.where(status == CLASSES[INFEASIBLE], limit, "")
-    limits = [name for name in np.unique(kinds).tolist() if name]
     colours = {name: _pale(SERIES[k % len(SERIES)]) for k, name in enumerate(limits)}
     colours |= {name: to_rgb(colour) for name, colour in {CLASSES[0]: PLAIN, **OTHERS}.items()}
     names = np.where(kinds == "", status, kinds)
@@ -82,13 +95,21 @@ def _draw_classes(
     return [Patch(color=colours[name], label=_label(name, limits)) for name in listed]
 
 
-def _draw_value(figure: Figure, axes: Any, places: tuple[Any, Any], found: dict[str, np.ndarray], value: str) -> None:
+def _draw_value(
+    figure: Figure,
+    axes: Any,
+    places: tuple[Any, Any],
+    found: dict[str, np.ndarray],
+    value: str,
+    bounds: tuple[float, float] | None,
+) -> None:
     """Draw a value inside the feasible region."""
     inside = np.isin(found["status"], CLASSES[: SAMPLED + 1])
     values = np.ma.masked_where(~inside | ~np.isfinite(found[value]), found[value])
     if values.count() == 0:
         return
-    drawn = axes.pcolormesh(*places, values, cmap="viridis", shading="nearest", rasterized=True)
+    low, high = (None, None) if bounds is None else bounds
+    drawn = axes.pcolormesh(*places, values, cmap="viridis", vmin=low, vmax=high, shading="nearest", rasterized=True)
     unit = symbol(VALUE_UNITS.get(value, "1"))
     figure.colorbar(drawn, ax=axes, label=value.replace("_", " ") + (f" [{unit}]" if unit else ""), pad=0.02)
     if np.ptp(values.compressed()) > 0:
@@ -96,7 +117,7 @@ def _draw_value(figure: Figure, axes: Any, places: tuple[Any, Any], found: dict[
         axes.clabel(lines, fontsize=7, fmt="%.4g")
 
 
-def _label(name: str, limits: list[str]) -> str:
+def _label(name: str, limits: Sequence[str]) -> str:
     words = name.replace("_", " ").replace("longitudinal", "long.")
     return f"infeasible: {words}" if name in limits else name
 

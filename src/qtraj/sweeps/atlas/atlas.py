@@ -41,8 +41,8 @@ def atlas(
     the area. A region of another class that contains no corner of a coarse cell and touches no other border may be
     missed: pass more `steps`.
 
-    For three parameters, compute one atlas for each of a few values of the third: `[qt.atlas(partial(function,
-    mass=m), x, y) for m in masses]`.
+    For three parameters, compute one atlas for each of a few values of the third: `{m: qt.atlas(partial(function,
+    mass=m), x, y) for m in masses}`. `qtraj.viz.atlas_report.atlas_page` shows them on one page with a slider.
 
     Args:
         function: A function of two arrays (n,) with values of the parameters, such as the result of `tuned_points`. It
