@@ -399,8 +399,8 @@ def test_what_is_left_of_the_speed_at_a_stop_is_removed_from_its_direction():
     ("arguments", "message"),
     [
         (
-            {"limits": qt.Limits(speed=5.0, curvature=1.0, torsion=1.0)},
-            "Remove the limits on curvature, torsion, and check them",
+            {"limits": qt.Limits(speed=5.0, curvature=1.0, longitudinal_jerk=1.0)},
+            "Remove the limits on longitudinal_jerk, and check them",
         ),
         ({"limits": qt.Limits(longitudinal_acceleration=1.0)}, "bounds the speed.* add a limit on the speed"),
         ({"limits": qt.Limits(speed=5.0), "knots": 100}, "power of two"),
