@@ -168,3 +168,62 @@ def test_traced_limits_on_formulas_are_refused():
         jax.grad(duration)(3.0)
     with pytest.raises(ValueError, match="curvature does not depend on the timing"):
         jax.grad(lambda x: qt.retime(ROUTE, qt.Limits(speed=x, curvature=1.0)).duration)(3.0)
+
+
+FIRST, LAST = (qt.Quantity(f"{x}_own", "m/s^2", lambda p: p.acceleration.norm()) for x in "az")
+
+
+@pytest.mark.parametrize("names", [(FIRST, LAST), (LAST, FIRST)], ids=["in order", "in reverse"])
+def test_each_own_quantity_has_its_own_status(names):
+    """Whatever the order of the dictionary, and on both sides."""
+    path = qt.retime(HELIX, qt.Limits(speed=10.0, acceleration=3.0), 1.0, 1.0).path
+    limits = {LAST: 1.0, FIRST: (0.0, 5.0)}
+    found = qt.certify(path, qt.Limits(speed=11.0, own={name: limits[name] for name in names}))
+    assert found.status == {
+        "speed": "proved",
+        "a_own_min": "proved",
+        "a_own": "proved",
+        "z_own": "broken",
+    }
+    assert found.worst["z_own"][1] > 2.9
+
+
+def test_one_side_of_an_own_quantity_is_broken():
+    climb = qt.Quantity("own_climb", "m/s", lambda p: p.velocity[2])
+    path = qt.retime(HELIX, qt.Limits(speed=10.0, acceleration=3.0), 1.0, 1.0).path
+    found = qt.certify(path, qt.Limits(own={climb: (-20.0, 0.1)}))
+    assert found.status == {"own_climb_min": "proved", "own_climb_max": "broken"}
+
+
+def test_retime_keeps_the_order_of_own_limits():
+    found = [
+        qt.retime(ROUTE, qt.Limits(speed=12.0, own={name: {FIRST: 3.0, LAST: 2.0}[name] for name in names}))
+        for names in ((FIRST, LAST), (LAST, FIRST))
+    ]
+    assert all(x.certificate.holds for x in found)
+    assert found[0].duration == pytest.approx(float(found[1].duration), rel=1e-12)
+
+
+def test_a_broken_shape_limit_is_the_result_above_a_note():
+    """A start above the limits is a success with a note, which must not hide an obstacle on the path."""
+    way = qt.Ball(ROUTE.position(0.7 * float(ROUTE.duration)), 2.0)
+    limits = {"speed": 15.0, "longitudinal_acceleration": (-2.0, 2.0)}
+    assert qt.retime(ROUTE, qt.Limits(**limits), 20.0).code == qt.ResultCode.starts_above_limits
+    found = qt.retime(ROUTE, qt.Limits(**limits, keep_out=[way]), 20.0)
+    assert found.code == qt.ResultCode.limits_broken
+    assert found.certificate.status["keep_out[0]"] == "broken"
+
+
+def test_an_own_limit_along_the_way_is_sampled_on_another_timing():
+    limit = qt.Along([0.0, 20.0], [8.0, 9.0])
+    found = qt.certify(qt.retime(ROUTE, qt.Limits(speed=5.0, acceleration=1.0)).path, qt.Limits(own={FIRST: limit}))
+    assert found.status == {"a_own": "sampled"}
+
+
+def test_own_quantities_that_are_infinite_at_rest_are_refused():
+    ratio = qt.Quantity("ratio", "1/s", lambda p: p.velocity.dot(p.acceleration) / p.speed**2)
+    turn = qt.Quantity("turn", "rad/s", lambda p: p.velocity.cross(p.acceleration).norm() / p.speed**2)
+    with pytest.raises(ValueError, match="ratio is infinite where the vehicle starts or comes to rest"):
+        qt.retime(ROUTE, qt.Limits(**OTHERS, own={ratio: (-0.6, 0.4)}), 0.0, 0.0)
+    assert qt.retime(ROUTE, qt.Limits(**OTHERS, own={turn: 2.0}), 0.0, 0.0).certificate.holds
+    assert qt.retime(ROUTE, qt.Limits(**OTHERS, own={ratio: (-0.6, 0.4)}), 5.0, 5.0).certificate.holds

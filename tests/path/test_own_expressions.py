@@ -220,3 +220,8 @@ def test_changed_files_are_refused(tmp_path, changed, message):
     file.write_text(file.read_text().replace(changed, message))
     with pytest.raises(ValueError, match=r"found\.json: "):
         load(file)
+
+
+def test_a_constant_larger_than_float64_is_refused():
+    with pytest.raises(ValueError, match=r"at most 1.79769e\+308"):
+        qt.Quantity("large", "m/s", "9" * 900 + " * speed")

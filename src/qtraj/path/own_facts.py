@@ -114,6 +114,17 @@ def is_zero_at_rest(formula: Product) -> bool:
     return (formula.degree(_derivatives) or 0) > 0
 
 
+def is_infinite_at_rest(facts: OwnFacts | None) -> bool:
+    """Return whether a quantity, such as v·a/v², tends to infinity where a vehicle starts, comes to rest or stands.
+
+    There v × r̈ tends to zero as v³, because the motion follows a curve. Quantities of the shape do not count.
+    """
+    if facts is None or facts.formula is None or facts.shape:
+        return False
+    degree = facts.formula.degree(lambda f: Fraction(sum({VELOCITY: 1, CROSS: 3}.get(v, 0) for v in f.vectors)))
+    return degree is not None and degree < 0
+
+
 def stop_of(formula: Product, shape: bool) -> str:
     """Return how a quantity with a divisor is proved next to a stop; see `OwnFacts`."""
     if formula.degree(lambda f: _weight(f, velocity=1, cross=2, triple=3)) == 0:

@@ -9,12 +9,16 @@ formula are known. `formula` computes the values, over any arithmetic.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Mapping
 from fractions import Fraction
 from numbers import Rational, Real
 from typing import Any
 
 import numpy as np
+
+LARGEST = Fraction(sys.float_info.max)
+"""The largest constant of a quantity: that of float64."""
 
 Degree = Callable[["Factor"], Fraction | None]
 """The degree of a factor that is not a sum; None if it has none."""
@@ -194,7 +198,10 @@ def product_of(x: Any) -> Product | None:
         return None
     if not isinstance(x, Rational) and not math.isfinite(x):
         raise ValueError(f"a constant in a quantity must be finite, but {x} was given")
-    return Product(Fraction(x))  # type: ignore[arg-type]
+    exact = Fraction(x)  # type: ignore[arg-type]
+    if abs(exact) > LARGEST:
+        raise ValueError(f"a constant in a quantity must be at most {float(LARGEST):.6g}, but a larger one was given")
+    return Product(exact)
 
 
 def total(products: list[Product], positive: bool = False) -> Product:

@@ -207,6 +207,8 @@ def _exceeding(p: Posed, found: Drafted | Searched) -> Bool[np.ndarray, " cells"
     if isinstance(found, Drafted) or _converged(p, found):
         return np.zeros(found.grid.cells, bool)
     slower = 1 - 2 * float(found.found.error)  # see `search`
+    if slower <= 0:
+        return np.zeros(found.grid.cells, bool)
     others = slower ** np.array([POWERS.get(name, 0.0) for name in p.rows])
     return np.asarray((np.asarray(found.found.usage) > others[:, None] * (1 + NOTICED)).any(axis=0))
 

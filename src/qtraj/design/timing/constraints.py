@@ -27,7 +27,7 @@ from qtraj.design.ellipse import OfSpeed
 from qtraj.design.one_sided import scale_and_shift
 from qtraj.design.timing import forms, road
 from qtraj.design.timing.by_speed import Combined, Curve, combined_of, largest_squares, side_by_speed, stacked
-from qtraj.design.timing.formula_limits import is_formula
+from qtraj.design.timing.formula_limits import is_formula, own_names
 from qtraj.design.timing.formulas import Formulas, formulas_of
 from qtraj.design.timing.road import LOADS, ON_ROAD, POWER_SIDES, ROAD, Road
 from qtraj.design.timing.sided import RATES, SIDED, SIDES_OF_RATES, SLOWEST, row
@@ -35,7 +35,6 @@ from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import Scalar
 from qtraj.path.components import dot
 from qtraj.path.frenet import Invariants, yaw
-from qtraj.path.own_name import OwnName
 from qtraj.path.quantity import COMBINED, quantity
 from qtraj.path.road_parameters import RoadParameters
 
@@ -69,15 +68,14 @@ def listed(bounds: Collection[str], vehicle: bool) -> tuple[str, ...]:
     Limits on own quantities precede those of `ROAD`. With a `vehicle`, the names include all of `ROAD`, even if
     `bounds` does not.
     """
-    own = tuple(name for name in bounds if isinstance(name, OwnName))
     absent = ROAD if vehicle else (*ROAD, *POWER_SIDES)
     before = tuple(name for name in NAMES if name in bounds and name not in absent)
-    return before + own + (ROAD if vehicle else ())
+    return before + own_names(bounds) + (ROAD if vehicle else ())
 
 
 def all_names(bounds: Collection[str]) -> tuple[str, ...]:
     """Return `NAMES` and the own quantities in `bounds`, the order of the statuses of proofs."""
-    return (*NAMES, *(name for name in bounds if isinstance(name, OwnName)))
+    return (*NAMES, *own_names(bounds))
 
 
 def uses_vehicle(names: Collection[str]) -> bool:

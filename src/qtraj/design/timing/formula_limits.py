@@ -23,6 +23,11 @@ def is_formula(name: str) -> bool:
     return isinstance(name, OwnName) or name in POWER_SIDES
 
 
+def own_names(bounds: Collection[str]) -> tuple[str, ...]:
+    """Return the names of own quantities in `bounds`, in the order in which JAX sorts the keys of a dictionary."""
+    return tuple(sorted(name for name in bounds if isinstance(name, OwnName)))
+
+
 def kind_of(name: str, bound: Any) -> str:
     """Return how a limit is imposed."""
     entry = quantity(name)

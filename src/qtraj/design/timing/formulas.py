@@ -17,10 +17,18 @@ from qtraj.algebra import jets
 from qtraj.algebra.jets import Jet
 from qtraj.design.ellipse import OfSpeed
 from qtraj.design.one_sided import scale_and_shift
-from qtraj.design.timing.formula_limits import LOWER_SQUARE, SIGNED, SQUARE, UPPER_BOUND, exponent, kind_of, of_lower
+from qtraj.design.timing.formula_limits import (
+    LOWER_SQUARE,
+    SIGNED,
+    SQUARE,
+    UPPER_BOUND,
+    exponent,
+    kind_of,
+    of_lower,
+    own_names,
+)
 from qtraj.design.timing.road import POWER_SIDES
 from qtraj.path.frenet import Invariants
-from qtraj.path.own_name import OwnName
 from qtraj.path.quantity import quantity
 from qtraj.path.road_parameters import RoadParameters
 
@@ -160,8 +168,7 @@ def formulas_of(
 
     `ahead` is r', or has the direction of motion where r' is zero. Derivatives of a = u̇² are with respect to u/`unit`.
     """
-    names = tuple(name for name in bounds if name in POWER_SIDES and vehicle is not None)
-    names += tuple(name for name in bounds if isinstance(name, OwnName))
+    names = tuple(name for name in POWER_SIDES if name in bounds and vehicle is not None) + own_names(bounds)
     if not names:
         return None
     r, nodes = np.asarray(r), r.shape[2:]

@@ -10,12 +10,14 @@ from qtraj.design.by_speed import BySpeed
 from qtraj.design.ellipse import OfSpeed
 from qtraj.design.limits import Limits
 from qtraj.design.timing.constraints import NAMES, all_names
+from qtraj.design.timing.formula_limits import own_names
 from qtraj.design.timing.road import ROAD
 from qtraj.design.timing.sided import SIDES_OF_RATES, SLOWEST
 from qtraj.design.varying import Varying, all_values
 from qtraj.foundation.arrays import concrete, is_traced, real_scalar
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.own_facts import is_infinite_at_rest
 from qtraj.path.quantity import bound_speed, quantity
 from qtraj.path.route import Route
 from qtraj.path.vehicle_data import batch_of
@@ -139,6 +141,14 @@ def require_start_and_stop(bounds: Mapping[str, Any], speeds: tuple[Scalar | Non
                 f"the limit {name} is {value:.6g} m/s² at 0 m/s, so the vehicle cannot {what}: pass a "
                 f"{'positive' if side > 0 else 'negative'} value there, or a speed above zero"
             )
+    constant = [name for name in own_names(bounds) if not isinstance(bounds[name], Varying)]
+    infinite = [name for name in constant if is_infinite_at_rest(quantity(name).own)]
+    if infinite and (starts or ends):
+        raise ValueError(
+            f"the quantity {quantity(infinite[0]).base or infinite[0]} is infinite where the vehicle starts or comes "
+            "to rest, so no timing satisfies a limit on it: pass start_speed and end_speed above zero, or limit it "
+            "only on a part of the path without stops"
+        )
 
 
 def _slowest_at(bounds: Mapping[str, Any], u: Any) -> np.ndarray | None:

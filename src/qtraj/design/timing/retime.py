@@ -81,9 +81,9 @@ def retime(
     vehicle, `friction`, `power` and `normal_load`. `speed`, `vertical_speed`, `yaw_rate`, `curvature_rate`, the power,
     the load, and the longitudinal, vertical and yaw acceleration may have two sides, as in
     `longitudinal_acceleration=(-6, 2)`. Own quantities (`Quantity`) may contain derivatives up to the jerk, but not the
-    position. Where an own quantity divides by the speed, its value at an instant at rest is its limit there. Limits on
-    quantities of the shape, such as the curvature, and obstacles that do not move are the same for every timing: they
-    are checked once, and are part of the certificate.
+    position. Where an own quantity divides by the speed, its value at an instant at rest is its limit there, which must
+    be finite. Limits on quantities of the shape, such as the curvature, and obstacles that do not move are the same for
+    every timing: they are checked once, and are part of the certificate.
 
     Limits may change along the way (`Along`): in a cell in which a limit changes, its strictest value holds, and such
     cells are small.

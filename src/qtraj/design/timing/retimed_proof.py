@@ -79,7 +79,7 @@ def certify_retimed(path: RetimedPath, limits: Limits, certify: Certify) -> Cert
 def _provable_own(path: RetimedPath, limits: Limits) -> list[str]:
     """Return the names of the constant limits on own quantities that depend on the timing, as far as proofs support."""
     changes = limits.vehicle is not None and limits.vehicle.on_changing_road
-    constant = {name for name, x in limits.given().items() if not varies({name: x})}
+    constant = set(limits.constant())
     return [
         name
         for name in limits.given()

@@ -11,10 +11,11 @@ import equinox as eqx
 import numpy as np
 
 from qtraj.design.limits import Limits
+from qtraj.design.proof.certificate import PROVED
 from qtraj.design.timing.outcome import Retimed
 from qtraj.design.whole_certificate import whole_certificate
 from qtraj.foundation.arrays import is_traced
-from qtraj.foundation.outcome import ResultCode
+from qtraj.foundation.outcome import FAILURES
 
 
 def require_checkable(limits: Limits, path: Any, speeds: Any) -> None:
@@ -48,8 +49,9 @@ def with_shape_limits(timed: Retimed, limits: Limits) -> Retimed:
     if bounds is not None:
         rest = np.asarray(found.limits)[len(own.names) :, None]
         bounds = np.concatenate([np.asarray(bounds), np.repeat(rest, cells, axis=1)])
-    proofs = (int(ResultCode.successful), int(np.asarray(own.code)))
-    code = found.code if int(np.asarray(timed.code)) in proofs else timed.code
+    of_timing = int(np.asarray(timed.code))
+    broken = of_timing < FAILURES and (np.asarray(found.codes)[len(own.names) :] != PROVED).any()
+    code = found.code if broken or of_timing == int(np.asarray(own.code)) else timed.code
     return eqx.tree_at(
         lambda x: (x.certificate, x.usage, x.bounds, x.code),
         timed,
