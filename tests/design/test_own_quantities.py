@@ -103,12 +103,12 @@ def test_tuning_of_a_route_within_own_limits():
     assert found.certificate.holds
 
 
-def test_a_retimed_path_proves_what_depends_on_the_shape_and_samples_the_rest():
+def test_a_retimed_path_proves_own_quantities():
     timed = qt.retime(route_of(0), qt.Limits(speed=6.0, lateral_acceleration=3.0))
     status = qt.certify(timed.path, qt.Limits(own={CURVATURE: 5.0, LATERAL: 3.1, HEIGHT: (-50, 50)})).status
     assert status == {
         "own_curvature": "proved",
-        "own_lateral": "sampled",
+        "own_lateral": "proved",
         "altitude_min": "proved",
         "altitude_max": "proved",
     }
@@ -263,8 +263,9 @@ def test_what_does_not_support_an_own_quantity_says_so(tmp_path):
     ):
         with pytest.raises(ValueError, match=f"tune does not support the limit on {quantity.name}, .*{reason}"):
             qt.tune(start, end, qt.Limits(own={quantity: 1.0}))
-    with pytest.raises(ValueError, match=r"Remove the limits on climb_rate.*certify"):
-        qt.retime(route_of(0), qt.Limits(speed=5.0, own={CLIMB: 1.0}))
+    outwards = qt.Quantity("outwards", "m^2/s", lambda p: p.position.dot(p.velocity))
+    with pytest.raises(ValueError, match=r"retime does not support the limit on outwards, .* the position.*certify"):
+        qt.retime(route_of(0), qt.Limits(speed=5.0, own={outwards: 1.0}))
     limits = qt.Limits(own={SINE: 1.0})
     for stored in (limits, qt.certify(HELIX, limits)):
         with pytest.raises(ValueError, match="heading_sine of your own cannot be stored, because its function is not"):
