@@ -7,7 +7,7 @@ from . import Measured
 
 
 def measure(quick):
-    problems = 20 if quick else 300
+    problems = 20 if quick else 1000
     command = [sys.executable, "-m", "benchmarks.tuning.first_steps", "--problems", str(problems)]
     run = subprocess.run(command, capture_output=True, text=True, check=True)
     lines = [line.strip("| ") for line in run.stdout.splitlines() if line.startswith("|")]
