@@ -195,7 +195,7 @@ def speed_profile(timed: Retimed) -> SpeedProfile:
         bounds=as_float(bounds),
         cell_distance=as_float(ends),
         usage=as_float(usage),
-        active=as_array(active, jnp.int32),
+        active=active.astype(np.int32),
         limits=as_float(limits),
         shares=as_float(shares),
         durations=as_float([np.nan if timed.of_shape else float(timed.path.path.duration), float(timing.duration)]),

@@ -13,6 +13,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
 from qtraj.algebra.quaternion import norm_squared
+from qtraj.foundation.devices import on_one_device
 from qtraj.foundation.namespace import in_numpy, xp
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput, Flag, Quat, Scalar
@@ -36,6 +37,7 @@ NEAR = 0.1
 """|μ| counts as near zero if it is below this fraction of the smaller of |μ(0)| and 1."""
 
 
+@on_one_device
 def simulate(
     program: AbstractProgram,
     law: AbstractLaw,
