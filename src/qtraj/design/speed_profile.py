@@ -180,7 +180,7 @@ def speed_profile(timed: Retimed) -> SpeedProfile:
     ends = distance[::PER_CELL]
     usage = np.asarray(timed.usage)[: len(names)]
     largest = usage.argmax(axis=0)
-    active = np.where(usage.max(axis=0) >= REACHED, largest, -1)
+    active: Any = np.where(usage.max(axis=0) >= REACHED, largest, -1)
     shares = np.sum(np.diff(ends) * (usage >= REACHED), axis=1) / distance[-1]
     stops, places = stops_of(found.times, distance, still)
     return SpeedProfile(
