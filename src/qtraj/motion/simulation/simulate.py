@@ -81,6 +81,8 @@ def simulate(
 
     The `command` of the solution is the limited command, without the disturbance; at a sample, it is the new command.
 
+    For batches, `qtraj.in_blocks` takes fewer steps than `jax.vmap`, and does not compile again for other sizes.
+
     **Raises:** ValueError in the same cases as `integrate`; for a `sign` other than "nearer" or "as given"; for
     arguments of another type, or a disturbance with other arguments; if a disturbance, `Gyros` or a
     `body` is combined with a rate law; if sensor, actuator and hysteretic law have different sampling; for a period
