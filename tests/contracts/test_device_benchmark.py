@@ -5,7 +5,7 @@ from functools import partial
 
 import lazy_loader
 import pytest
-from benchmarks import bare, device
+from benchmarks import bare, device, passes
 
 import qtraj
 
@@ -48,3 +48,13 @@ def test_a_cpu_is_not_written_into_documents(capsys):
         device.main(["--write"])
     assert error.value.code == 2
     assert "only measurements of an accelerator" in capsys.readouterr().err
+
+
+def test_separate_outputs_are_computed_in_several_passes():
+    """XLA's compiler for CPUs reads the times in many loops and repeats operations, but not in one loop."""
+    given, found = passes.measured(64)
+    separate, joined = found["separate arrays"], found["in one loop"]
+    assert joined.loops_that_read_the_times == 1
+    assert joined.additions_and_multiplications <= 1.1 * given
+    assert separate.loops_that_read_the_times > 10
+    assert separate.additions_and_multiplications > 2 * given

@@ -40,6 +40,25 @@ def test_other_sizes_are_not_compiled_again():
     assert function.count == 2
 
 
+def test_batches_of_other_sizes_compile_nothing(compiled):
+    """`jax.vmap` compiles a propagation again for each size."""
+
+    def last(size):
+        rate = lambda t: size * jnp.stack([0 * t, 0 * t, 1 + jnp.sin(t)])  # noqa: E731
+        return qt.propagate(rate, [1.0, 0, 0, 0], np.linspace(0.0, 2.0, 3), qt.GaussLegendre(1), steps=1)[-1]
+
+    sizes = np.linspace(0.5, 1.5, 1001)
+    in_vmap = jax.jit(jax.vmap(last))
+    expected = np.asarray(in_vmap(sizes))
+    for count, again in ((1000, 1), (1001, 0), (900, 0)):
+        del compiled[:]
+        np.testing.assert_allclose(qt.in_blocks(last, sizes[:count]), expected[:count], rtol=0, atol=1e-14)
+        assert len(compiled) == again
+    del compiled[:]
+    in_vmap(sizes[:900])
+    assert len(compiled) == 1
+
+
 def test_arguments_that_are_no_arrays_are_shared():
     found = qt.in_blocks(lambda x, name: x * len(name), np.arange(3.0), "ab")
     np.testing.assert_array_equal(found, [0.0, 2.0, 4.0])

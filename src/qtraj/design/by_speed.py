@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 from qtraj.design.along import Changing
 from qtraj.foundation.argument import described
 from qtraj.foundation.arrays import as_float, concrete
+from qtraj.foundation.devices import on_one_device
 from qtraj.foundation.document import storable, stored_as
 from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import ArrayInput
@@ -93,6 +94,7 @@ class BySpeed(Changing):
         columns = zip(SIDES, known.T, strict=True) if self.kind == "sides" else [(self.kind, known)]
         return f"BySpeed({_listed(v)}, {', '.join(f'{what}={_listed(x)}' for what, x in columns)})"
 
+    @on_one_device
     def at(self, speed: Any) -> Any:
         """Return the value at a speed [m/s]; with two bounds a pair (lower, upper) on the last axis."""
         xp = namespace(self.values, speed)

@@ -180,7 +180,7 @@ def speed_profile(timed: Retimed) -> SpeedProfile:
     ends = distance[::PER_CELL]
     usage = np.asarray(timed.usage)[: len(names)]
     largest = usage.argmax(axis=0)
-    active = np.where(usage.max(axis=0) >= REACHED, largest, -1)
+    active: Any = np.where(usage.max(axis=0) >= REACHED, largest, -1)
     shares = np.sum(np.diff(ends) * (usage >= REACHED), axis=1) / distance[-1]
     stops, places = stops_of(found.times, distance, still)
     return SpeedProfile(
@@ -195,7 +195,7 @@ def speed_profile(timed: Retimed) -> SpeedProfile:
         bounds=as_float(bounds),
         cell_distance=as_float(ends),
         usage=as_float(usage),
-        active=as_array(active, jnp.int32),
+        active=active.astype(np.int32),
         limits=as_float(limits),
         shares=as_float(shares),
         durations=as_float([np.nan if timed.of_shape else float(timed.path.path.duration), float(timing.duration)]),

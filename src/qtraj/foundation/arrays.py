@@ -9,6 +9,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array
 
+from qtraj.foundation.devices import device_of
 from qtraj.foundation.namespace import is_host
 from qtraj.foundation.seconds import seconds, since_first
 from qtraj.foundation.types import ArrayInput, ScalarLike
@@ -75,8 +76,11 @@ def as_code(x: ArrayInput, *numbers: Any) -> Array:
 
 
 def like(values: np.ndarray, x: Any) -> Any:
-    """Return the values as an array of the same kind (NumPy or JAX) and dtype as `x`."""
-    return values if is_host(x) else as_array(values, x.dtype)
+    """Return the values as an array of the same kind (NumPy or JAX), dtype and device as `x`."""
+    if is_host(x):
+        return values
+    array, device = as_array(values, x.dtype), device_of([x])
+    return array if device is None else jax.device_put(array, device)
 
 
 def is_traced(*trees: Any) -> bool:

@@ -52,6 +52,30 @@ def on_one_device(function: Function) -> Function:
     return call  # type: ignore[return-value]
 
 
+def of_one_device(function: Function) -> Function:
+    """Refuse arguments on different devices, as `device_of` does, and return the result on the device of the arguments.
+
+    This is for functions that compute on the host, which would copy arrays from any devices. JAX arrays of the result
+    are moved; NumPy arrays stay NumPy arrays.
+    """
+
+    @functools.wraps(function)
+    def call(*args: Any, **kwargs: Any) -> Any:
+        device = device_of(jax.tree.leaves((args, kwargs)))
+        result = function(*args, **kwargs)
+        return result if device is None else _moved(result, device)
+
+    return call  # type: ignore[return-value]
+
+
+def _moved(tree: Any, device: Any) -> Any:
+    leaves, structure = jax.tree.flatten(tree)
+    places = [k for k, x in enumerate(leaves) if isinstance(x, jax.Array) and not isinstance(x, Tracer)]
+    for k, x in zip(places, jax.device_put([leaves[k] for k in places], device), strict=True):
+        leaves[k] = x
+    return structure.unflatten(leaves)
+
+
 def chosen_device() -> Any:
     """Return the device that the user set as JAX's default, or None."""
     chosen = jax.config.jax_default_device  # type: ignore[attr-defined]

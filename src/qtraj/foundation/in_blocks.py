@@ -82,7 +82,7 @@ def _divided(function: Callable[..., Any], arrays: Any, rest: Any, order: np.nda
     calls = [(function, cores.take(on_host, part, size), rest) for part in cores.split(order, size)]
     found = list(cores.map_blocks(_mapped_data, calls, device))
     back = np.argsort(order, kind="stable")
-    whole = lambda *parts: jnp.asarray(np.concatenate(parts)[:count][back])  # noqa: E731
+    whole = lambda *parts: np.concatenate(parts)[:count][back]  # noqa: E731
     return _with_keys(jax.device_put(jax.tree.map(whole, *found), device))
 
 

@@ -8,6 +8,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from qtraj.algebra import quaternion, rotation
 from qtraj.foundation.arrays import as_array, as_float, concrete, real_vector
+from qtraj.foundation.devices import of_one_device
 from qtraj.foundation.document import storable
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, batch_prefix, extent
@@ -78,6 +79,7 @@ class AttitudeResidual(AbstractResult):
         return Record(f"{batch_prefix(self.samples.shape)}{summary}", variables, attributes={"frame": "body"})
 
 
+@of_one_device
 def compare_attitude(
     program: "AbstractProgram", track: "Track", mounting: ArrayInput | None = None
 ) -> "AttitudeResidual":

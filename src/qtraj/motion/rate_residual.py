@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from qtraj.foundation.arrays import as_array, as_float
+from qtraj.foundation.devices import of_one_device
 from qtraj.foundation.document import storable
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, extent
@@ -108,6 +109,7 @@ class RateResidual(AbstractResult):
         return Record(summary, variables, attributes={"frame": "body"})
 
 
+@of_one_device
 def compare_rates(program: FrameProgram, track: Track, min_speed: float | int = MIN_SPEED) -> RateResidual:
     """Compare the recorded angular rates of `track` with `program`, which starts at the first sample of the track.
 

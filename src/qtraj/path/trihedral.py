@@ -20,6 +20,7 @@ from qtraj.algebra.cosines import from_rotation
 from qtraj.algebra.cpu import in_one_loop, root
 from qtraj.algebra.vector import unit
 from qtraj.foundation.arrays import concrete, one_instant, real_vector
+from qtraj.foundation.devices import on_one_device
 from qtraj.foundation.document import storable
 from qtraj.foundation.methods import method
 from qtraj.foundation.namespace import in_numpy, matmul, xp
@@ -194,7 +195,7 @@ def _jax_trihedral(path: AbstractHodograph, t: Scalar, frame: AbstractFrame, axe
     return at if axes == BODY else at.in_axes(axes)
 
 
-_compiled_trihedral = eqx.filter_jit(_jax_trihedral)
+_compiled_trihedral = on_one_device(eqx.filter_jit(_jax_trihedral))
 _trihedral = in_numpy(_jax_trihedral, _compiled_trihedral)
 
 

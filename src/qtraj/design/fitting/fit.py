@@ -28,6 +28,7 @@ from qtraj.design.fitting.turn_covariance import covariance_factor
 from qtraj.design.fitting.turn_problem import PENALTY, POINTS, TERMS, legendre_basis, minimise, problem
 from qtraj.design.fitting.window import POSITION_SIGMA, VELOCITY_SIGMA, measure_turn
 from qtraj.foundation.arrays import like
+from qtraj.foundation.devices import of_one_device
 from qtraj.foundation.namespace import on_host
 from qtraj.foundation.outcome import ResultCode
 from qtraj.motion.attitude_residual import compare_attitude
@@ -51,6 +52,7 @@ The tolerance is in units of the mean turning radius.
 """
 
 
+@of_one_device
 def fit(
     track: Track,
     motion: str = "hermite",

@@ -31,6 +31,7 @@ from qtraj.design.fitting.route_window import Cut, Widened, clipped, cut, widene
 from qtraj.design.fitting.units import Units
 from qtraj.design.fitting.waypoints import FEW, knots_and_smoothing
 from qtraj.foundation.arrays import like
+from qtraj.foundation.devices import of_one_device
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput
 from qtraj.motion.attitude_residual import compare_attitude
@@ -44,6 +45,7 @@ GAP = 4.0
 """Minimum length of a gap, in median knot spacings or in time steps of the recording, whichever is longer."""
 
 
+@of_one_device
 def fit_route(
     track: Track,
     knots: ArrayInput | None = None,

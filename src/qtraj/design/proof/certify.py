@@ -29,6 +29,7 @@ from qtraj.design.proof.varying import certify_varying
 from qtraj.design.timing.retimed_proof import certify_retimed
 from qtraj.design.timing.timing import RetimedPath
 from qtraj.foundation.arrays import as_float, constants, is_traced
+from qtraj.foundation.devices import of_one_device
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.hodograph import AbstractHodograph, require_path
 from qtraj.path.quantity import quantity
@@ -59,6 +60,7 @@ def certify(
     reference: SpiralHelix | None = None,
     throw: bool = False,
 ) -> Certificate: ...
+@of_one_device
 def certify(
     path: AbstractHodograph | Shape,
     limits: Limits,

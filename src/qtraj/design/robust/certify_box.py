@@ -21,6 +21,7 @@ from qtraj.design.robust.family import Family
 from qtraj.design.robust.vehicles import with_vehicles
 from qtraj.foundation.argument import require_type
 from qtraj.foundation.arrays import require_concrete
+from qtraj.foundation.devices import of_one_device
 from qtraj.path.path_quantity import PathQuantity
 from qtraj.path.quantity import quantity
 from qtraj.path.spiral_helix import SpiralHelix
@@ -35,6 +36,7 @@ LARGE = 1e12
 """A limit on the speed that every path satisfies, to find the largest speed."""
 
 
+@of_one_device
 def certify_box(path: SpiralHelix, limits: Limits, box: Box, *, throw: bool = False) -> BoxCertificate:
     """Prove that all paths near a spiral-helix satisfy `limits`, for every combination of deviations in `box`.
 

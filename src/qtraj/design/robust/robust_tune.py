@@ -16,6 +16,7 @@ from qtraj.design.robust.to_share import require_share, tuned_to_share
 from qtraj.design.robust.tune_in_box import tune_in_box
 from qtraj.design.tuning.tune import tune
 from qtraj.foundation.argument import require_type
+from qtraj.foundation.devices import of_one_device
 from qtraj.foundation.signature import require_options
 from qtraj.path.boundary import BoundaryState
 
@@ -34,6 +35,7 @@ def robust_tune(
     seed: int = 0,
     **options: Any,
 ) -> RobustTuned: ...
+@of_one_device
 def robust_tune(
     start: BoundaryState,
     end: BoundaryState,

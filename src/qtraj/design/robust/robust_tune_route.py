@@ -11,10 +11,12 @@ from qtraj.design.robust.spread import Spread
 from qtraj.design.robust.to_share import require_share, tuned_to_share
 from qtraj.design.tuning_route.tune_route import tune_route
 from qtraj.foundation.argument import require_type
+from qtraj.foundation.devices import of_one_device
 from qtraj.foundation.signature import require_options
 from qtraj.path.route import Route
 
 
+@of_one_device
 def robust_tune_route(
     route: Route,
     limits: Limits,

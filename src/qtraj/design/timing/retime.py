@@ -50,6 +50,7 @@ from qtraj.design.timing.standstill import with_stops
 from qtraj.design.timing.timing import RetimedPath, speeds_at_ends
 from qtraj.design.varying import Varying, on_path, table
 from qtraj.foundation.arrays import constants, is_traced
+from qtraj.foundation.devices import of_one_device
 from qtraj.foundation.namespace import in_float64
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.seconds import seconds
@@ -60,6 +61,7 @@ from qtraj.path.route import Route
 from qtraj.path.shape import Shape
 
 
+@of_one_device
 def retime(
     path: AbstractHodograph | Shape,
     limits: Limits,

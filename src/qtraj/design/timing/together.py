@@ -36,6 +36,7 @@ from qtraj.design.timing.search import MARGIN
 from qtraj.design.timing.timing import RetimedPath, Timing
 from qtraj.design.timing.together_input import in_step, limits_of_each, require_bodies, require_supported
 from qtraj.foundation.arrays import is_traced
+from qtraj.foundation.devices import of_one_device
 from qtraj.foundation.namespace import in_float64
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.seconds import seconds
@@ -43,6 +44,7 @@ from qtraj.foundation.types import ArrayInput
 from qtraj.path.route import Route
 
 
+@of_one_device
 def retime_together(
     paths: Sequence[Route],
     limits: Limits | Sequence[Limits],

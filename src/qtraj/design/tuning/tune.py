@@ -34,6 +34,7 @@ from qtraj.design.tuning.targets import search_limits
 from qtraj.design.tuning.task import Task, one
 from qtraj.design.tuning.zoned import require_supported, solve_in_zones
 from qtraj.foundation.arrays import as_float, constants, is_traced, like
+from qtraj.foundation.devices import of_one_device
 from qtraj.foundation.namespace import in_float64
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.progress import Report
@@ -46,6 +47,7 @@ from qtraj.path.placement import Placement
 from qtraj.path.road_parameters import RoadParameters
 
 
+@of_one_device
 def tune(
     start: BoundaryState,
     end: BoundaryState,

@@ -34,6 +34,7 @@ from qtraj.design.tuning_route.traced import structure
 from qtraj.design.tuning_route.tuned_route import TunedRoute
 from qtraj.design.tuning_route.verdict import code_of, rank, result_of
 from qtraj.foundation.arrays import is_traced
+from qtraj.foundation.devices import of_one_device
 from qtraj.foundation.namespace import in_float64
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput
@@ -45,6 +46,7 @@ CONTINUOUS = 1e-9
 """Largest jump at a joint that counts as rounding error, relative to the states of the joints."""
 
 
+@of_one_device
 def tune_route(
     route: Route | Shape,
     limits: Limits,

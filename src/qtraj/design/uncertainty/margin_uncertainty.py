@@ -17,6 +17,7 @@ from qtraj.design.limits import Limits, require_limits
 from qtraj.design.obstacles.keep_out import refuse_obstacles
 from qtraj.design.uncertainty.propagation import propagate
 from qtraj.design.uncertainty.uncertainty import instants, require_fit
+from qtraj.foundation.devices import of_one_device
 from qtraj.foundation.drawing import draw
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, times_text
@@ -139,6 +140,7 @@ class MarginUncertainty(AbstractResult):
         return Record(f"{times_text(self.time)}: {scores}", variables, {"time": time}, {"frame": "world"})
 
 
+@of_one_device
 def margin_uncertainty(
     fitted: Fitted | FittedRoute, limits: Limits, times: ArrayInput | None = None
 ) -> MarginUncertainty:

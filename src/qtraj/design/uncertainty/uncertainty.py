@@ -17,6 +17,7 @@ from qtraj.design.uncertainty.quantity_expansion import HEADING
 from qtraj.foundation.argument import require_type
 from qtraj.foundation.arrays import require_inside
 from qtraj.foundation.data_frame import data_frame
+from qtraj.foundation.devices import of_one_device
 from qtraj.foundation.drawing import draw
 from qtraj.foundation.extras import require_package
 from qtraj.foundation.methods import method
@@ -105,6 +106,7 @@ class Uncertainty(AbstractResult):
         return Record(summary, variables, {"time": time}, {"frame": "world"})
 
 
+@of_one_device
 def uncertainty(
     fitted: Fitted | FittedRoute,
     times: ArrayInput,

@@ -8,6 +8,7 @@ from jaxtyping import Array, Float
 
 from qtraj.foundation import document
 from qtraj.foundation.arrays import as_float
+from qtraj.foundation.devices import on_one_device
 from qtraj.foundation.document import storable
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, batch_prefix, extent, times_text
@@ -56,6 +57,7 @@ class ClosedMotion(AbstractResult):
         document.save(self, file)
 
 
+@on_one_device
 @eqx.filter_jit
 def closed_motion(
     law: AccelerationLaw | RateLaw, references: Attitude, quaternion: Quat, rate: Quat, times: Float[Array, " n"]

@@ -15,6 +15,7 @@ from typing import Any, ClassVar
 import jax.numpy as jnp
 
 from qtraj.foundation.arrays import concrete, real_scalar
+from qtraj.foundation.devices import on_one_device
 from qtraj.foundation.document import storable
 from qtraj.foundation.float_arguments import float_arguments
 from qtraj.foundation.shown import shown
@@ -89,10 +90,12 @@ class HystereticLaw(AbstractLaw):
         """Return the error quaternion of `law` (4,)."""
         return self.law.deviation(reference, quaternion)
 
+    @on_one_device
     def updated_sign(self, sign: Scalar, reference: Attitude, quaternion: Quat) -> Scalar:
         """Return the updated sign h at this attitude: −`sign` if sign·μ0 < −δ|μ|, and `sign` otherwise."""
         return jnp.where(self.switches(sign, reference, quaternion), -sign, sign)
 
+    @on_one_device
     def switches(self, sign: Scalar, reference: Attitude, quaternion: Quat) -> Flag:
         """Return whether the sign changes at this attitude."""
         mu = error_quaternion(reference, quaternion)

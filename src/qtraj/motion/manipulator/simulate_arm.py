@@ -18,6 +18,7 @@ from jaxtyping import Array, Float, Int
 
 from qtraj.algebra.vector import norm
 from qtraj.foundation.arrays import real_scalar, real_vector, require_positive
+from qtraj.foundation.devices import on_one_device
 from qtraj.foundation.types import ArrayInput, Quat, Scalar, Vec3
 from qtraj.motion.attitude import AbstractProgram, Attitude
 from qtraj.motion.checks import common_dtype, output_times
@@ -103,6 +104,7 @@ class _Gripper(NamedTuple):
     bias: Array
 
 
+@on_one_device
 def simulate_arm(
     arm: Arm,
     program: AbstractProgram,

@@ -17,6 +17,7 @@ from typing_extensions import TypeAliasType
 
 from qtraj.algebra import dual_quaternion
 from qtraj.foundation.arrays import concrete, real_vector
+from qtraj.foundation.devices import on_one_device
 from qtraj.foundation.document import storable
 from qtraj.foundation.shown import shown, shown_html
 from qtraj.foundation.types import ArrayInput, DualQuat, Quat, Scalar, ScalarLike, Vec3
@@ -97,6 +98,7 @@ class PoseLaw(eqx.Module):
             if value is not None and value.ndim < 2 and not (value > 0).all():
                 raise ValueError(f"the position gain {name} must be positive, but {value.tolist()} was given")
 
+    @on_one_device
     def __call__(
         self, target: Position, reference: Attitude, position: Vec3, velocity: Vec3, quaternion: Quat, rate: Quat
     ) -> tuple[Quat, Vec3]:

@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 from qtraj.algebra import rotation
 from qtraj.foundation.argument import described
 from qtraj.foundation.arrays import as_float, concrete, one_instant
+from qtraj.foundation.devices import on_one_device
 from qtraj.foundation.document import storable
 from qtraj.foundation.namespace import in_numpy, xp
 from qtraj.foundation.shown import shown
@@ -74,6 +75,7 @@ class ProgramSequence(AbstractProgram):
     def __repr__(self) -> str:
         return shown(self)
 
+    @on_one_device
     def __call__(self, t: ScalarLike) -> Attitude:
         """Return the attitude at the time `t` [s]."""
         t, times = one_instant(t), self.times

@@ -15,6 +15,7 @@ from numpy.polynomial import Polynomial
 
 from qtraj.algebra import quaternion
 from qtraj.foundation.arrays import real_vector, require_concrete
+from qtraj.foundation.devices import of_one_device
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult
 from qtraj.foundation.types import ArrayInput, Quat, Scalar
@@ -169,6 +170,7 @@ class SlewVerdict(AbstractResult):
         return Record(f"{slewed}: {statuses}", variables, coordinates, {"frame": "body"})
 
 
+@of_one_device
 def judge_slew(
     program: EulerTurn | SlewSequence,
     limits: Mapping[str, ArrayInput] | None = None,

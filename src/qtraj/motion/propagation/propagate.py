@@ -118,6 +118,8 @@ def propagate(
     rate is not finite, all quaternions are NaN. `propagate_with_estimate` returns the reason and the most accurate
     quaternions that were computed.
 
+    For batches, `qtraj.in_blocks` takes fewer steps than `jax.vmap`, and does not compile again for other sizes.
+
     **Raises:** ValueError for times that are not finite and strictly increasing, a q0 that is zero or not finite, a
     rate of another shape, a tolerance that is not positive, or unknown `axes`. RuntimeError if `throw` is true and the
     quaternions would be NaN.

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from qtraj.foundation.devices import of_one_device
 from qtraj.foundation.types import ArrayInput
 from qtraj.motion.attitude import AbstractProgram
 from qtraj.motion.checks import initial_quaternion, output_times
@@ -23,6 +24,7 @@ from qtraj.motion.simulation.simulate import simulate
 from qtraj.motion.simulation.task import switches_of
 
 
+@of_one_device
 def assess_loop(
     program: AbstractProgram,
     law: AbstractLaw,

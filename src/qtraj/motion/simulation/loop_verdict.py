@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Int
 
+from qtraj.foundation.devices import of_one_device
 from qtraj.foundation.outcome import AbstractOutcome, ResultCode
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.types import Scalar, Vec3
@@ -133,6 +134,7 @@ class LoopVerdict(AbstractOutcome):
         return Record(f"{angles}, {settled}, {how} its closed form", variables, attributes={"frame": "body"})
 
 
+@of_one_device
 def judge_loop(
     history: LoopHistory,
     law: AbstractLaw,

@@ -12,6 +12,7 @@ import numpy as np
 
 from qtraj.foundation.argument import described, is_whole, require_type
 from qtraj.foundation.arrays import as_float, concrete, real_scalar, require_positive
+from qtraj.foundation.devices import of_one_device
 from qtraj.foundation.in_blocks import in_blocks
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput
@@ -25,6 +26,7 @@ BLOCK = 256
 Spread = ArrayInput | Callable[[jax.Array], Any]
 
 
+@of_one_device
 def monte_carlo(
     flight: Callable[..., Solution],
     spreads: Mapping[str, Spread],

@@ -13,6 +13,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
 from qtraj.algebra.quaternion import norm_squared
+from qtraj.foundation.devices import on_one_device
 from qtraj.foundation.namespace import in_numpy, xp
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput, Flag, Quat, Scalar
@@ -36,6 +37,7 @@ NEAR = 0.1
 """|μ| counts as near zero if it is below this fraction of the smaller of |μ(0)| and 1."""
 
 
+@on_one_device
 def simulate(
     program: AbstractProgram,
     law: AbstractLaw,
@@ -78,6 +80,8 @@ def simulate(
     computes the required torque.
 
     The `command` of the solution is the limited command, without the disturbance; at a sample, it is the new command.
+
+    For batches, `qtraj.in_blocks` takes fewer steps than `jax.vmap`, and does not compile again for other sizes.
 
     **Raises:** ValueError in the same cases as `integrate`; for a `sign` other than "nearer" or "as given"; for
     arguments of another type, or a disturbance with other arguments; if a disturbance, `Gyros` or a

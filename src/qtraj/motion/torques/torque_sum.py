@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import equinox as eqx
 
+from qtraj.foundation.devices import on_one_device
 from qtraj.foundation.document import storable
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import Quat, Scalar, Vec3
@@ -37,6 +38,7 @@ class TorqueSum(eqx.Module):
     def __repr__(self) -> str:
         return shown(self)
 
+    @on_one_device
     def __call__(self, t: Scalar, quaternion: Quat, rate: Vec3) -> Vec3:
         """Return the torque (3,) [N m] in body axes at the time `t` [s] and the true state."""
         first, *others = (at_state(torque, t, quaternion, rate) for torque in self.torques)
