@@ -20,7 +20,7 @@ import jax
 import numpy as np
 
 import qtraj as qt
-from qtraj.design.tuning_route import rounds, setup
+from qtraj.design.tuning_route import many_starts, rounds, setup
 from qtraj.design.tuning_route.problem import JERK
 from qtraj.design.tuning_route.tube import Displacement
 from qtraj.design.tuning_route.tune_route import _solution
@@ -115,9 +115,9 @@ def fastest_along_sections(parts=4000):
 def problem_of(route, tube=TUBE):
     """Return the segments of the route, and the arrays of the last search."""
     limits = qt.Limits(**LIMITS)
-    return setup.parts(route, closed=True), _solution(
-        route, limits, tuple(LIMITS), tube, "fastest", None, True, 300
-    ).problem
+    one = many_starts.many(1, "interior_point", limits)
+    found = _solution(route, limits, tuple(LIMITS), tube, "fastest", None, True, 300, None, one)
+    return setup.parts(route, closed=True), found.problem
 
 
 def with_ipopt(problem, count, weight, tube=TUBE):

@@ -1,5 +1,7 @@
 """Drives on which the vehicle reverses: fitted, certified, tuned and retimed like any other drive with stops."""
 
+import re
+
 import jax
 import numpy as np
 import pytest
@@ -101,6 +103,36 @@ def test_the_curvature_at_a_stop_with_a_fixed_state_is_limited_at_its_node(drive
     assert after == pytest.approx(0.2, rel=1e-3)
     timed = qt.retime(found.path, qt.Limits(speed=4.0, lateral_acceleration=1.0, longitudinal_acceleration=1.0))
     assert qt.certify(timed.path, qt.Limits(curvature=0.2)).holds
+
+
+@pytest.mark.parametrize(
+    ("limit", "others"),
+    [
+        (1.2, {}),
+        pytest.param(1.1, {"lateral_acceleration": 1.0, "speed": 5.0}, marks=pytest.mark.slow),
+        pytest.param(0.6, {"lateral_acceleration": 1.0, "speed": 5.0}, marks=pytest.mark.slow),
+    ],
+)
+def test_limits_far_below_the_accelerations_of_the_drive(drive, limit, others):
+    """A second search with convex matrices succeeds; the steps of the first one are too short."""
+    limits = qt.Limits(longitudinal_acceleration=limit, **others)
+    assert qt.certify(drive, limits).worst["longitudinal_acceleration"][1] > 1.4
+    found = qt.tune_route(drive, limits, tube=0.3)
+    assert found.code == 0
+    assert found.certificate.holds
+    assert found.iterations < 160  # 161, and not solved with 609, without the second search
+
+
+@pytest.mark.slow
+def test_a_limit_on_the_curvature_below_the_manoeuvres(drive):
+    """The advice is near the curvature of the arc, 0.1 1/m, and the result violates no limit by more than the drive."""
+    limits = qt.Limits(curvature=0.05)
+    found = qt.tune_route(drive, limits, tube=0.3)
+    assert found.code == qt.ResultCode.limits_contradict
+    assert found.certificate.worst["curvature"][1] < 1.001 * qt.certify(drive, limits).worst["curvature"][1]
+    advised = float(re.search(r"With curvature = ([\d.]+) 1/m, every limit is satisfied", found.result)[1])
+    assert 0.09 < advised < 0.13
+    assert qt.tune_route(drive, qt.Limits(curvature=advised), tube=0.3).successful
 
 
 def test_the_manoeuvre_backwards_has_the_same_optimum(drive, tuned):

@@ -1,6 +1,8 @@
 """Routes whose limits contradict each other: the result says which limit, by how much, and what helps."""
 
 import re
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ from scipy.interpolate import CubicSpline
 from tests.design.test_tune_route import drive
 
 import qtraj as qt
+from qtraj.design.tuning_route.remedy import reached
 from qtraj.foundation.outcome import ResultCode
 
 TIMES = np.arange(0.0, 36.0, 2.0)
@@ -75,3 +78,11 @@ def test_the_fastest_route_along_curved_constraints(lateral):
     assert best.certificate.holds
     assert best.iterations < 150
     assert best.objective < 4.1043
+
+
+def test_advice_does_not_reduce_other_limits():
+    """A limit that is satisfied between its value and the reduced margin of the search is not part of the advice."""
+    worst = {"speed": (0.0, np.array([4.9, 4.93]), 5.0), "lateral_acceleration": (0.0, np.array([1.0, 1.2]), 1.0)}
+    certificate = SimpleNamespace(segments=SimpleNamespace(worst=worst))
+    found: Any = SimpleNamespace(judged=SimpleNamespace(certificate=certificate), missed=np.ones((4, 2), bool))
+    assert reached({"speed": 5.0, "lateral_acceleration": 1.0}, found) == {"lateral_acceleration": 1.2}

@@ -46,11 +46,14 @@ class Rules:
 
     The barrier parameter decreases to `least`. New margins are multiplied by `factor` < 1. With `inside`, once an
     iterate satisfies the constraints with full margins, all later iterates satisfy them, too, unless they are elastic.
+    With `convex`, the second derivatives of the constraints are omitted where the matrix is not positive definite and a
+    constraint is violated by much.
     """
 
     factor: PerConstraint
     least: float
     inside: bool = False
+    convex: bool = False
 
 
 class Step(NamedTuple):

@@ -61,6 +61,10 @@ HOPELESS, APART = 1e4, 1e-2
 """Multipliers above the first number mean that the constraints contradict each other, if a constraint is still violated
 by more than the second number; those of solvable problems are about a hundred times smaller."""
 
+REACHED = 60
+"""With convex matrices (see `Rules`), no constraint is violated by more than `APART` after this number of steps, or the
+constraints seem to contradict each other. Such searches need 10 to 35 steps."""
+
 
 def start(program: Program, z: Variables, factor: PerConstraint | float, mu: float) -> Iterate:
     """Return the first iterate; slacks are computed from the constraints, and multipliers from the slacks.
@@ -146,7 +150,15 @@ def _iteration(program: Program, search: Search, rules: Rules) -> Search:
     search = _assessed(program, search, linear, rules)
     if search.done:
         return search
-    step, shift = _shifted_step(search, linear)
+    step = newton(search.at, linear, search.mu)
+    shift = 0.0
+    if step is None and rules.convex and np.max(np.abs(gaps_of(search.at, linear.values))) > APART:
+        if search.steps >= REACHED and not search.renewals:
+            return replace(search, hopeless=True)
+        linear = _convex(program, search.at)
+        step = newton(search.at, linear, search.mu)
+    if step is None:
+        step, shift = _shifted_step(search, linear)
     search = replace(search, shift=shift)
     return replace(search, stuck=True) if step is None else _stepped(program, search, linear, step, rules)
 
@@ -175,9 +187,18 @@ def _assessed(program: Program, search: Search, linear: Linear, rules: Rules) ->
     return replace(search, at=at._replace(margins=margins), mu=mu, renewals=search.renewals + 1, done=False)
 
 
+def _convex(program: Program, at: Iterate) -> Linear:
+    """Return the derivatives at an iterate, with a matrix without the second derivatives of the constraints.
+
+    They grow with the multipliers, and so would a shift that outweighs them; a large shift makes the steps short, and
+    short steps towards constraints that are violated by much make the multipliers grow.
+    """
+    return program.linearise(at.z, np.zeros_like(at.multipliers), stiffness(program, at))
+
+
 def _shifted_step(search: Search, linear: Linear) -> tuple[Step | None, float]:
     """Increase the shift until the matrix is positive definite; return the Newton step and the shift."""
-    step, shift = newton(search.at, linear, search.mu), 0.0
+    step, shift = None, 0.0
     while step is None and shift < MOST_SHIFT:
         shift = 8.0 * shift if shift > 0 else max(SHIFT, search.shift / 3)
         step = newton(search.at, linear, search.mu, shift)

@@ -65,6 +65,8 @@ def _raised(
         found = {name: limits[name] + part * (value - limits[name]) for name, value in least.items()}
         return {name: _wider(name, _allowed(name, value, limits[name])) for name, value in found.items()}
 
+    if not least:
+        return None
     low, high = 0.0, next((part for part in MORE if solves(between(part))), None)
     if high is None:
         return None
@@ -103,13 +105,17 @@ def _text(change: Change, objective: str) -> str:
 
 
 def reached(limits: dict[str, float], found: Found) -> dict[str, float]:
-    """Return the worst values of the limits that are violated, by name."""
+    """Return the worst values of the limits that are violated, by name.
+
+    The search may violate a limit between its reduced margin and its value, which counts as satisfied.
+    """
     certificate, missed = found.judged.certificate, found.missed
     if missed is None:
         return {}
     names = [name for k, name in enumerate(limits) if missed[k].any()]
     worst = {name: np.asarray(certificate.segments.worst[name][1]) for name in names}
-    return {name: float(np.nanmin(x) if quantity(name).lower else np.nanmax(x)) for name, x in worst.items()}
+    values = {name: float(np.nanmin(x) if quantity(name).lower else np.nanmax(x)) for name, x in worst.items()}
+    return {name: x for name, x in values.items() if (x < limits[name] if quantity(name).lower else x > limits[name])}
 
 
 def _at_ends(found: Found) -> bool:

@@ -60,7 +60,7 @@ SAFETY = 2e-5
 class Task(NamedTuple):
     """A route to tune, its parts, its limits, the half-widths `tube` (n + 1, 2) at the joints [m], and the problem.
 
-    `most` is the largest number of steps of a search.
+    `most` is the largest number of steps of a search. `convex`: see `Rules`.
     """
 
     route: Route
@@ -69,6 +69,7 @@ class Task(NamedTuple):
     tube: np.ndarray
     problem: RouteProblem
     most: int
+    convex: bool = False
 
 
 class Judged(NamedTuple):
@@ -111,10 +112,22 @@ def solved(task: Task, begins: list[Any], rank: Callable[[Found], Any]) -> Found
     Searches start from each of the variables `begins`; None are those of the given route. If limits contradict each
     other from all of them, they are violated as little as possible.
     """
-    each = [_solved(task, begin=begin) for begin in begins]
+    each = [_attempted(task, begin) for begin in begins]
     if not any(x.proved for x in each):
         each = [_violating(x, task, begin) for begin, x in zip(begins, each, strict=True)]
     return min(each, key=rank)
+
+
+def _attempted(task: Task, begin: np.ndarray | None) -> Found:
+    """Return the result of a search, and of a second one with convex matrices if the first one found no proved route.
+
+    The second one also reaches routes that are far from the original one.
+    """
+    found = _solved(task, begin=begin)
+    if found.proved or found.exhausted:
+        return found
+    other = _solved(task._replace(convex=True), begin=begin)
+    return (other if other.proved else found)._replace(steps=found.steps + other.steps)
 
 
 def _violating(found: Found, task: Task, begin: np.ndarray | None) -> Found:
@@ -142,14 +155,14 @@ def _raised(found: Found, problem: RouteProblem) -> np.ndarray:
     moving = problem.moving > 0
     open_ = unproved(found.judged, problem.names, moving)
     open_[-2:] = False
-    ratio = _ratios(found.judged, problem)
+    ratio = ratios(found.judged, problem)
     own = np.where(open_ & (ratio > VISIBLE), (RAISED * ratio) ** 2, 1.0)
     # A joint is constrained in one of its segments only, so the neighbours are raised, too.
     wide = np.pad(own, [(0, 0), (1, 1)], constant_values=1.0)
     return np.maximum(own, np.maximum(wide[:, :-2], wide[:, 2:]))
 
 
-def _ratios(judged: Judged, problem: RouteProblem) -> np.ndarray:
+def ratios(judged: Judged, problem: RouteProblem) -> np.ndarray:
     """Return the largest values of the limited quantities relative to their limits, and 1 for the tube."""
     worst, names = judged.certificate.segments.worst, problem.names
     values, limits = (np.reshape([np.asarray(worst[name][k]) for name in names], (len(names), -1)) for k in (1, 2))
@@ -179,7 +192,7 @@ def _solved(
     program, missed = RouteProgram(problem, price), factor > 1
     mu, k = BARRIER * (price or 1.0), 0
     if start is None:
-        rules = _rules(program, factor, LEAST)
+        rules = _rules(task, program, factor, LEAST)
         state = Search(
             nonconvex.start(program, np.zeros(problem.free.shape) if begin is None else begin, rules.factor, mu), mu
         )
@@ -187,14 +200,14 @@ def _solved(
         mu = ROUGH * (price or 1.0)
         state = Search(nonconvex.restarted(program, start, mu), mu, renewals=FREE)
     if np.any(problem.time):
-        state = nonconvex.solve(program, state, _rules(program, factor, ROUGH), most)
+        state = nonconvex.solve(program, state, _rules(task, program, factor, ROUGH), most)
         problem, at = _smoothed(problem, state.at.z), state.at
         if price is not None and not _violated(program, at).any():
             price, at = None, at._replace(excess=None)
         program = RouteProgram(problem, price)
         state = Search(at, ROUGH, steps=state.steps, hopeless=state.hopeless)
     while True:
-        rules = _rules(program, factor * (1 - SAFETY * 2.0**k), LEAST, first=k == 0)
+        rules = _rules(task, program, factor * (1 - SAFETY * 2.0**k), LEAST, first=k == 0)
         if k:
             state = _again(program, state, rules, mu)
         state = nonconvex.solve(program, state, rules, most)
@@ -210,7 +223,7 @@ def _solved(
         given_up = state.steps >= most or state.hopeless or not np.isfinite(judged.distances).all()
         if found.proved or k == ROUNDS or given_up:
             return found
-        above = _ratios(judged, problem)
+        above = ratios(judged, problem)
         above[-2:] = np.nan_to_num((judged.distances / task.tube[:-1]).T, nan=1.0)
         above = np.clip(above, 1.0, 1.02)
         mu = float(np.clip(np.max(np.where(open_, above - 1, 0.0)), *AGAIN))
@@ -235,7 +248,7 @@ def _violated(program: RouteProgram, at: Iterate) -> np.ndarray:
     return program.spread(at.excess)[0].max(axis=1) > VIOLATED
 
 
-def _rules(program: RouteProgram, factor: np.ndarray, least: float, first: bool = True) -> Rules:
+def _rules(task: Task, program: RouteProgram, factor: np.ndarray, least: float, first: bool = True) -> Rules:
     """Return the rules of a search whose margins are multiplied by `factor` (constraints, n).
 
     If the objective is "fastest", then in the searches before the first repetition all iterates after an iterate that
@@ -243,7 +256,7 @@ def _rules(program: RouteProgram, factor: np.ndarray, least: float, first: bool 
     """
     used = program.problem.used
     flat = program.flat(np.broadcast_to(factor[:, None], used.shape), np.ones((2, used.shape[2])))
-    return Rules(flat, least, first and bool(np.any(program.problem.time > 0)))
+    return Rules(flat, least, first and bool(np.any(program.problem.time > 0)), task.convex)
 
 
 def _again(program: RouteProgram, state: Search, rules: Rules, mu: float) -> Search:

@@ -32,7 +32,7 @@ from qtraj.design.tuning_route.solution import Solution
 from qtraj.design.tuning_route.target import require_target
 from qtraj.design.tuning_route.traced import structure
 from qtraj.design.tuning_route.tuned_route import TunedRoute
-from qtraj.design.tuning_route.verdict import code_of, rank, result_of
+from qtraj.design.tuning_route.verdict import code_of, no_worse, rank, result_of
 from qtraj.foundation.arrays import is_traced
 from qtraj.foundation.devices import of_one_device
 from qtraj.foundation.namespace import in_float64
@@ -224,7 +224,7 @@ def _solution(
         problem = problem._replace(**scales(names, np.append(bounds, np.ones(len(own)))), local=local)
     if nearest_to is not None:
         problem = problem._replace(target=target.offset(route, given, problem.moving, nearest_to))
-    found = _unchanged(route, given, limits, widths, problem)
+    found = unchanged = _unchanged(route, given, limits, widths, problem)
     moving = problem.moving > 0
     smooth = not np.any(problem.offset) and not _jumps(route, given)
     undefined = _undefined(found, moving)
@@ -233,6 +233,7 @@ def _solution(
         begins = [*(around.starts(problem, own) if own else [None]), *many.begins(problem)]
         order = partial(rank, objective=objective)
         found = rounds.solved(rounds.Task(route, given, limits, widths, problem, max_steps), begins, order)
+        found = no_worse(found, unchanged)
     advice = ""
     if found.missed is not None and found.proved and limits.varying:
         advice = "Widen the tube, or relax the limits where they are violated."

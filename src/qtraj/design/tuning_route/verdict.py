@@ -22,6 +22,17 @@ def rank(found: rounds.Found, objective: str) -> tuple[bool, bool, float]:
     return not found.proved, found.missed is not None, value
 
 
+def no_worse(found: rounds.Found, given: rounds.Found) -> rounds.Found:
+    """Return the `given` route instead of the result of an unfinished search that violates the same limits by more."""
+    if found.missed is None or found.optimal:
+        return found
+    open_ = rounds.unproved(given.judged, given.problem.names, given.problem.moving > 0)
+    own, before = (float(rounds.ratios(x.judged, x.problem).max()) for x in (found, given))
+    if own <= before or (open_.any(axis=1) & ~found.missed.any(axis=1)).any():
+        return found
+    return given._replace(proved=True, steps=found.steps, optimal=False, missed=open_)
+
+
 def result_of(
     given: Parts,
     problem: RouteProblem,
