@@ -81,7 +81,7 @@ def compiled_instants(path, times, frame):
 
 
 def single_instants(path, times, frame):
-    """All outputs, by NumPy where the path consists of numbers; only functions of a user, which call JAX, are compiled."""
+    """All outputs: in NumPy where the path consists of numbers, compiled where it calls functions of JAX."""
     if not isinstance(path, qt.SpiralHelix):
         return compiled_instants(path, jnp.asarray(times), frame)
     return jax.tree.map(lambda *x: np.stack(x), *(one_instant(path, t, frame) for t in times))
