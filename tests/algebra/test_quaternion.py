@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
+from tests.derivatives import with_jacobians
 
 from qtraj.algebra import quaternion, rotation
 
@@ -110,7 +111,7 @@ def test_rotate_has_the_derivative_of_a_homogeneous_function():
     def f(q):
         return quaternion.rotate(q, V)
 
-    forward, reverse = quickly(lambda q: (jax.jacfwd(f)(q), jax.jacrev(f)(q)))(P)
+    _, forward, reverse = quickly(with_jacobians(f))(P)
     close(forward, reverse)
     close(forward @ P, np.zeros(3))
     close(forward, differences(f, P), DIFFERENCE)
@@ -223,7 +224,7 @@ def test_log_of_a_negative_real_is_finite_and_inverts():
 
 @pytest.mark.parametrize("f", [quaternion.log, lambda q: quaternion.exp(q[1:]), quaternion.inverse, quaternion.unit])
 def test_derivatives_against_differences(f):
-    forward, reverse = quickly(lambda q: (jax.jacfwd(f)(q), jax.jacrev(f)(q)))(P)
+    _, forward, reverse = quickly(with_jacobians(f))(P)
     close(forward, reverse)
     close(forward, differences(jax.jit(f), P), DIFFERENCE)
 

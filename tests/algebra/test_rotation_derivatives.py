@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from tests.derivatives import with_jacobians
 
 from qtraj.algebra import quaternion, rotation
 
@@ -32,12 +33,12 @@ def batch(f):
 
 def first_derivatives(f, xs):
     """Forward and reverse."""
-    return jax.tree.map(np.array, batch(lambda x: (jax.jacfwd(f)(x), jax.jacrev(f)(x)))(xs))
+    return jax.tree.map(np.array, batch(lambda x: with_jacobians(f)(x)[1:])(xs))
 
 
 def all_derivatives(f, xs):
     """Value, forward and reverse first derivatives, second derivatives."""
-    return [np.array(y) for y in batch(lambda x: (f(x), jax.jacfwd(f)(x), jax.jacrev(f)(x), jax.hessian(f)(x)))(xs)]
+    return [np.array(y) for y in batch(lambda x: (*with_jacobians(f)(x), jax.hessian(f)(x)))(xs)]
 
 
 def differences(f, xs, step=1e-5):

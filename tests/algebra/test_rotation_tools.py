@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
+from tests.derivatives import with_jacobians
 
 from qtraj.algebra import quaternion, rotation
 
@@ -123,8 +124,8 @@ def test_gradients_agree_with_differences(name):
 
     h, at = 1e-6, np.asarray(flat)
     numeric = np.stack([(value(at + h * e) - value(at - h * e)) / (2 * h) for e in np.eye(at.size)], axis=1)
-    for derivative in (jax.jacfwd, jax.jacrev):
-        np.testing.assert_allclose(jax.jit(derivative(of))(flat), numeric, rtol=1e-6, atol=1e-7)
+    for found in jax.jit(with_jacobians(of))(flat)[1:]:
+        np.testing.assert_allclose(found, numeric, rtol=1e-6, atol=1e-7)
 
 
 def _aligned(u):
@@ -149,7 +150,7 @@ SINGULAR = {
 @pytest.mark.parametrize("name", SINGULAR)
 def test_values_and_derivatives_are_finite_at_singular_points(name):
     function, at = SINGULAR[name]
-    for found in jax.jit(lambda x: (function(x), jax.jacfwd(function)(x), jax.jacrev(function)(x)))(jnp.array(at)):
+    for found in jax.jit(with_jacobians(function))(jnp.array(at)):
         assert np.isfinite(found).all()
 
 
@@ -357,13 +358,13 @@ def test_the_nearest_rotation_is_differentiable_at_a_rotation():
     """Its singular values are equal, where those of the decomposition have no derivatives."""
     exact = np.asarray(rotation.to_dcm(unit((), 4)))
     stretched = exact @ np.diag([1.3, 0.7, 2.0])
+    derivatives = jax.jit(with_jacobians(rotation.nearest_dcm))
     for at in (exact, stretched, stretched @ np.diag([1.0, -1.0, 1.0])):
         h = 1e-6
         steps = h * np.eye(9).reshape(9, 3, 3)
         numeric = (rotation.nearest_dcm(at + steps) - rotation.nearest_dcm(at - steps)) / (2 * h)
-        for derivative in (jax.jacfwd, jax.jacrev):
-            found = np.moveaxis(np.asarray(jax.jit(derivative(rotation.nearest_dcm))(at)).reshape(3, 3, 9), -1, 0)
-            np.testing.assert_allclose(found, numeric, atol=1e-8)
+        for found in derivatives(at)[1:]:
+            np.testing.assert_allclose(np.moveaxis(np.asarray(found).reshape(3, 3, 9), -1, 0), numeric, atol=1e-8)
 
 
 def test_the_second_derivative_of_the_nearest_rotation():

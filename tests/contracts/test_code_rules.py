@@ -125,3 +125,9 @@ def test_the_check_detects_a_missing_docstring_and_accepts_good_code():
     assert faults("x = 1\n") == ["1: no docstring"]
     assert faults('"""A module."""\n\n\ndef evaluate(x):\n    return model.eval(x)\n') == []
     assert faults('"""A module."""\n@overload\ndef f(x): ...\ndef f(y):\n    z = y\n    z = y.x = y[0] = z\n') == []
+
+
+def test_slow_tests_are_marked_in_their_own_file():
+    """`.ci/run` collects only the test files that contain the mark."""
+    helpers = [file for file in OTHERS if not file.name.startswith("test_")]
+    assert not [file for file in helpers if re.search(r"mark\.slow", file.read_text(encoding="utf-8"))]

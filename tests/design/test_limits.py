@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
+from tests.derivatives import with_jacobians
 
 import qtraj as qt
 from qtraj.path.frenet import Invariants
@@ -179,17 +180,9 @@ def central(f, x, step):
 @pytest.mark.parametrize("motion", ["uniform", pytest.param("hermite", marks=pytest.mark.slow)])
 def test_gradients_in_every_boundary_number(motion):
     """Forward and reverse mode, both from one trace."""
-    size = STATES.size
-
-    @jax.jit
-    def derivatives(x):
-        value, push = jax.linearize(partial(quantities_of, motion=motion), x)
-        pull = jax.linear_transpose(push, x)
-        forward = jax.vmap(push)(jnp.eye(size).reshape(size, *x.shape)).T
-        return value, forward, jax.vmap(pull)(jnp.eye(value.size))[0].reshape(value.size, size)
-
+    derivatives = jax.jit(with_jacobians(partial(quantities_of, motion=motion)))
     _, forward, reverse = derivatives(STATES)
-    differences = central(lambda x: np.asarray(derivatives(x)[0]), STATES, 1e-3).reshape(-1, size)
+    differences = central(lambda x: np.asarray(derivatives(x)[0]), STATES, 1e-3)
     for name, part in PARTS.items():
         scale = np.abs(differences[part]).max()
         assert scale > 1e-3, name

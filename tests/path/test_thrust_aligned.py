@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from tests.derivatives import with_jacobians
 
 import qtraj as qt
 from qtraj.viz.report.paths import path_report
@@ -129,7 +130,7 @@ def test_forward_and_reverse_derivatives_agree_with_differences():
         return here.dcm().sum() + here.rate @ jnp.arange(1.0, 4.0) + here.acceleration.sum()
 
     x, h = 0.3, 1e-5
-    forward, reverse = jax.jit(lambda x: (jax.jacfwd(thrust)(x), jax.jacrev(thrust)(x)))(x)
+    _, forward, reverse = jax.jit(with_jacobians(thrust))(x)
     assert float(forward) == pytest.approx(float(reverse), rel=1e-11)
     assert float(forward) == pytest.approx(float(thrust(x + h) - thrust(x - h)) / (2 * h), rel=1e-7)
 

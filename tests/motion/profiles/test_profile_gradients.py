@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from tests.derivatives import with_jacobians
 
 from qtraj.motion.profiles.s_curve import SCurve
 from qtraj.motion.profiles.smooth_step import Quintic
@@ -36,15 +37,10 @@ def test_gradients(name, points):
     def f(x):
         return outputs(name, x)
 
-    @jax.jit
-    @jax.vmap
-    def both(x):
-        return jax.jacfwd(f)(x), jax.jacrev(f)(x)
-
     h, points = 1e-5, np.array(points)
     steps = h * np.eye(points.shape[1])
     values = jax.jit(jax.vmap(jax.vmap(jax.vmap(f))))(points[:, None, None] + np.stack([steps, -steps])[None])
-    forward, reverse = both(points)
+    _, forward, reverse = jax.jit(jax.vmap(with_jacobians(f)))(points)
     difference = np.swapaxes(values[:, 0] - values[:, 1], 1, 2) / (2 * h)
     np.testing.assert_allclose(forward, difference, rtol=FINITE_DIFFERENCE, atol=FINITE_DIFFERENCE)
     np.testing.assert_allclose(reverse, forward, rtol=1e-10, atol=1e-10)
@@ -67,7 +63,7 @@ def test_gradients_agree_on_both_sides_of_a_regime_boundary(name, points):
         first, last = outputs(name, x, 0.83), outputs(name, x, 1.57)
         return jnp.concatenate([first[:3], last[1:3]])
 
-    both = jax.jit(jax.vmap(jax.vmap(lambda x: (everything(x), jax.jacrev(everything)(x)))))
+    both = jax.jit(jax.vmap(jax.vmap(lambda x: with_jacobians(everything)(x)[::2])))
     values, gradients = (np.asarray(x) for x in both(around))
     assert np.isfinite(gradients).all()
     assert (np.abs(gradients).max(axis=(0, 1, 3)) > 0.05).all()
@@ -98,7 +94,7 @@ def test_a_zero_angle(name):
 
     h = 1e-10  # the profiles are smooth in Φ at a fixed instant, but their switches move as √Φ or ∛Φ
     values = jax.jit(jax.vmap(f))(np.array([0.0, h, -h]))
-    forward, reverse = jax.jit(lambda x: (jax.jacfwd(f)(x), jax.jacrev(f)(x)))(0.0)
+    _, forward, reverse = jax.jit(with_jacobians(f))(0.0)
     np.testing.assert_array_equal(values[0], [0.0 if motion_profile.duration is None else 2.0, 0, 0, 0])
     np.testing.assert_array_equal(forward, reverse)
     # Without a fixed duration the slew ends at once: Φ(t) = Φ.

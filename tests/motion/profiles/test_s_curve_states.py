@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from tests.derivatives import with_jacobians
 
 import qtraj as qt
 from qtraj.motion.profiles.jerk_limited.between import scaled
@@ -145,8 +146,7 @@ def differences(function, x):
 def test_derivatives_equal_finite_differences():
     """Of the duration and of the motion, with respect to the angle, the states and the limits; both modes."""
     x = CASES[[0, 3, 8, 12, 20, 31, 44, 60, 95, 120, 160, 170, 190], :8]
-    both = jax.jit(jax.vmap(lambda x: (jax.jacfwd(duration_and_motion)(x), jax.jacrev(duration_and_motion)(x))))
-    forward, reverse = both(x)
+    _, forward, reverse = jax.jit(jax.vmap(with_jacobians(duration_and_motion)))(x)
     difference = differences(duration_and_motion, x)
     size = np.abs(forward).max(axis=2, keepdims=True) + 1
     np.testing.assert_allclose(difference / size, forward / size, rtol=0, atol=FINITE_DIFFERENCE)

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from tests.derivatives import with_jacobians
 
 from qtraj.algebra import quaternion
 from qtraj.foundation.document import load
@@ -92,7 +93,7 @@ def test_equal_attitudes(law):
 
     ends, h, t = np.stack([2 * BASE, -2 * BASE]), 1e-7, 0.9
     resting = np.concatenate([BASE / np.linalg.norm(BASE), np.zeros(3)])
-    both = jax.vmap(lambda e: (f(e, t), jax.jacfwd(f)(e, t), jax.jacrev(f)(e, t)))
+    both = jax.vmap(with_jacobians(lambda e: f(e, t)))
     values, forward, reverse = jax.jit(both)(ends)
     np.testing.assert_allclose(values, [resting, resting], atol=ROUND_OFF)
     np.testing.assert_allclose(forward, reverse, atol=1e-12)
@@ -115,7 +116,7 @@ def test_half_turns():
         at = program(0.8)
         return jnp.concatenate([at.quaternion, at.rate, program.angle[None]])
 
-    values, gradient, reverse = jax.jit(lambda e: (f(e), jax.jacfwd(f)(e), jax.jacrev(f)(e)))(end)
+    values, gradient, reverse = jax.jit(with_jacobians(f))(end)
     np.testing.assert_allclose(values[-1], math.pi, atol=ROUND_OFF)
     np.testing.assert_allclose(values[4:7] / np.linalg.norm(values[4:7]), HALF[1:], atol=ROUND_OFF)
     np.testing.assert_allclose(gradient, reverse, atol=1e-12)
@@ -135,7 +136,7 @@ def test_gradients_of_a_slew():
         at = program(1.3)
         return jnp.concatenate([at.quaternion, at.rate, at.acceleration, program.duration[None]])
 
-    forward, reverse = jax.jit(lambda x: (jax.jacfwd(f)(x), jax.jacrev(f)(x)))(x)
+    _, forward, reverse = jax.jit(with_jacobians(f))(x)
     h = 1e-5
     near = jax.jit(jax.vmap(f))(x + h * np.concatenate([np.eye(8), -np.eye(8)]))
     np.testing.assert_allclose(forward, (near[:8] - near[8:]).T / (2 * h), atol=GRADIENT)
@@ -267,10 +268,11 @@ def test_a_slew_about_an_axis_is_continuous_saved_and_differentiable(tmp_path):
     def third(angle):
         return EulerTurn.about([0.0, 1.0, 2.0], angle, start, Quintic(duration=8.0))(3.0).quaternion[3]
 
+    derivatives = jax.jit(with_jacobians(third))
     for angle in (0.0, 5.0):
         slope = (float(third(angle + 1e-5)) - float(third(angle - 1e-5))) / 2e-5
-        for derivative in (jax.jacfwd, jax.jacrev):
-            assert float(jax.jit(derivative(third))(angle)) == pytest.approx(slope, abs=GRADIENT)
+        for derivative in derivatives(angle)[1:]:
+            assert float(derivative) == pytest.approx(slope, abs=GRADIENT)
     np.testing.assert_allclose(jax.vmap(third)(jnp.array([1.0, 5.0])), [third(1.0), third(5.0)], atol=1e-15)
 
 
