@@ -17,7 +17,7 @@ import jax
 import numpy as np
 
 import qtraj as qt
-from qtraj.design.robust.certify_box import BoxProblem
+from qtraj.design.robust.box_problem import BoxProblem
 from qtraj.design.robust.driven import Samples, driven
 from qtraj.design.robust.to_share import satisfied
 

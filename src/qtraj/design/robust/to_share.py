@@ -128,9 +128,8 @@ def _sigmas(paths: Deviating, spread: Spread) -> Float[np.ndarray, " k"]:
 def require_share(call: str, limits: Limits, spread: Spread, share: float, samples: int, seed: int) -> None:
     """Raise a ValueError for arguments of `call` with which no share is possible."""
     if not isinstance(spread, Spread):
-        other = ", or a Box" if call == "robust_tune" else ""
         raise ValueError(
-            f"spread must be a Spread, such as Spread(start_velocity=0.1){other}, but {spread!r} was given"
+            f"spread must be a Spread, such as Spread(start_velocity=0.1), or a Box, but {spread!r} was given"
         )
     if isinstance(share, bool) or not isinstance(share, numbers.Real) or not 0.5 <= share <= 0.9999:
         raise ValueError(f"share must be a probability from 0.5 to 0.9999, but {share!r} was given")
