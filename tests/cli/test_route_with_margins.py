@@ -63,7 +63,10 @@ def test_a_sweep_over_a_spread_needs_larger_margins(routed):
 @pytest.mark.parametrize(
     ("table", "message"),
     [
-        ("[spread]\nstart_velocity = 0.1\nshare = 2.0\n", "'spread.share' has the value 2.0: expected a number from 0.5"),
+        (
+            "[spread]\nstart_velocity = 0.1\nshare = 2.0\n",
+            "'spread.share' has the value 2.0: expected a number from 0.5",
+        ),
         ("[spread]\nstart_velocity = 0.1\nsamples = 100\n", "the key 'spread.samples': it must be a power of two"),
         ("[spread]\nmass = 10.0\n", "spread.mass is a deviation of the vehicle: add the table [vehicle]"),
         ("[spread]\nlimits = {curvature = 0.1}\n", "spread.limits.curvature is the deviation of a limit that is not"),
