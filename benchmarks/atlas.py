@@ -1,7 +1,7 @@
 """Compare the atlas of a bus turn with a fine grid: the position of the border, and the number of tunings.
 
     python -m benchmarks.atlas                            256 × 256 cells; this takes many minutes
-    python -m benchmarks.atlas --cells 64 --others 100  a coarser grid
+    python -m benchmarks.atlas --cells 64 --others 100    a coarser grid
     python -m benchmarks.atlas --cells 64 --all           all points of the grid
 
 A bus enters a corner of 90° at some radius with some speed, and may leave it with any speed. The grid is as fine as the
