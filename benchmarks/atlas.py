@@ -5,7 +5,7 @@
     python -m benchmarks.atlas --cells 64 --all           all points of the grid
 
 A bus enters a corner of 90° at some radius with some speed, and may leave it with any speed. The grid is as fine as the
-tolerance of the atlas. Its points within four tolerances of the border of the atlas are tuned, and a random sample of
+tolerance of the atlas. Its points within two tolerances of the border of the atlas are tuned, and a random sample of
 the others; `--all` tunes all of them. Points that the atlas has tuned are not tuned again. The command fails if a point
 of the grid has another class than in the atlas and is further than a tolerance from the border of the atlas, or if the
 atlas needs more than 5 % of the tunings of the grid.
@@ -26,7 +26,7 @@ COARSE = 8
 MOST_TUNINGS = 0.05
 """Largest accepted number of tunings, as a share of those of the grid."""
 
-NEAR = 4.0
+NEAR = 2.0
 """Distance from the border, in tolerances, up to which all points of the grid are tuned."""
 
 FEASIBLE = ("feasible", "sampled")
