@@ -1,8 +1,8 @@
 """Check robust tunings by random samples: the stated shares, and the proofs over boxes.
 
-    python -m benchmarks.robust                     10⁶ samples on each of twelve problems; this takes many minutes
+    python -m benchmarks.robust                     10⁶ samples on each problem; this takes many minutes
     python -m benchmarks.robust --samples 20000     fewer samples
-    python -m benchmarks.robust box --samples 20000 only the proofs; `spread`: only the shares
+    python -m benchmarks.robust box --samples 20000 only the proofs; `spread`: only the shares; `route`: only routes
 
 For a `Spread`, the share of samples that satisfy all limits must be from 98.7 to 99.3 % if 99 % are wanted. For a
 `Box`, no sample may violate a limit that is proved, and the worst sample must reach at least 97 % of an active limit.
@@ -17,8 +17,9 @@ import jax
 import numpy as np
 
 import qtraj as qt
-from qtraj.design.robust.certify_box import BoxProblem
+from qtraj.design.robust.box_problem import BoxProblem
 from qtraj.design.robust.driven import Samples, driven
+from qtraj.design.robust.route_box import RouteBoxProblem
 from qtraj.design.robust.to_share import satisfied
 
 BLOCK = 2**15
@@ -91,6 +92,33 @@ BOXES = {
 }
 
 
+def turn():
+    """A route of four segments on a circle of 20 m."""
+    t = np.linspace(0.0, 8.0, 5)
+    r = 20 * np.stack([np.sin(0.3 * t), np.cos(0.3 * t), 0 * t], axis=1)
+    v = 6 * np.stack([np.cos(0.3 * t), -np.sin(0.3 * t), 0 * t], axis=1)
+    return qt.Route(t, r, v, -0.09 * r)
+
+
+ROUTES = {
+    "speeds at both ends": (
+        (turn(),),
+        qt.Limits(lateral_acceleration=1.6, speed=6.6),
+        qt.Box(start_speed=0.1, end_lateral_speed=0.05, end_speed=0.05),
+    ),
+    "speed, mass, friction": (
+        (turn(),),
+        qt.Limits(friction=0.18, vehicle=BUS),
+        qt.Box(start_speed=0.1, mass=(0, 1000), limits={"friction": 0.01}),
+    ),
+    "mass, drag by wind": (
+        (turn(),),
+        qt.Limits(power=19e3, longitudinal_force=(None, 2e3), lateral_force=16e3, vehicle=COACH),
+        qt.Box(mass=(0, 600), drag_area=(-2, 8)),
+    ),
+}
+
+
 def share_of(states, limits, spread, count):
     """Return the tuning and the share of new samples that satisfy all limits."""
     found = qt.robust_tune(*states, limits, spread, motion="hermite")
@@ -107,8 +135,13 @@ def worst_of(states, limits, box, count):
 
     A tenth of the deviations is at corners and edges of the box, where the worst values are expected.
     """
-    found = qt.robust_tune(*states, limits, box, motion="hermite")
-    problem, rng, worst = BoxProblem.of(found.tuned.path, limits, box), np.random.default_rng(1), 0.0
+    if len(states) == 1:
+        found = qt.robust_tune_route(*states, limits, box, fixed=np.zeros(5, bool))
+        problem = RouteBoxProblem.of(found.tuned.path, limits, box)
+    else:
+        found = qt.robust_tune(*states, limits, box, motion="hermite")
+        problem = BoxProblem.of(found.tuned.path, limits, box)
+    rng, worst = np.random.default_rng(1), -np.inf
     for first in range(0, count, BLOCK):
         n = min(BLOCK, count - first)
         unit = rng.random((n, len(box.names)))
@@ -127,7 +160,7 @@ def _chosen(kind, problems, given):
 def main(arguments):
     """Print the results, and return the number of problems that fail."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("kinds", nargs="*", help="spread, box; default: both")
+    parser.add_argument("kinds", nargs="*", help="spread, box, route; default: all")
     parser.add_argument("--only", default="", help="only problems whose names contain this text")
     parser.add_argument("--samples", type=int, default=10**6, help="number of samples of each problem")
     given = parser.parse_args(arguments)
@@ -140,14 +173,19 @@ def main(arguments):
         failed += not good
         seconds = time.process_time() - began
         print(f"spread, {name}: {100 * share:.3f} % of {given.samples} samples; {seconds:.0f} CPU s", flush=True)
-    for name, problem in _chosen("box", BOXES, given):
+    boxes = [("box", *x) for x in _chosen("box", BOXES, given)] + [
+        ("route", *x) for x in _chosen("route", ROUTES, given)
+    ]
+    for kind, name, problem in boxes:
         began = time.process_time()
         found, worst = worst_of(*problem, given.samples)
         good = bool(found.successful) and max(worst.values()) >= CONSERVATIVE and max(worst.values()) <= 1.0
         failed += not good
         texts = ", ".join(f"{key} {100 * x:.4f} %" for key, x in worst.items())
         seconds = time.process_time() - began
-        print(f"box, {name}: worst of {given.samples} samples: {texts} of the limit; {seconds:.0f} CPU s", flush=True)
+        print(
+            f"{kind}, {name}: worst of {given.samples} samples: {texts} of the limit; {seconds:.0f} CPU s", flush=True
+        )
     print("failed" if failed else "all problems pass")
     return failed
 

@@ -69,6 +69,23 @@ def test_tuning_is_that_of_the_library(run):
     assert content["summary"]["duration"]["minimum"] == dataset["duration"].values.min()
 
 
+def test_expressions_are_functions_of_other_parameters(run):
+    """In any order, with the values of the parameters that they name; the same store completes the same sweep."""
+    table = (
+        'start.speed = {expression = "2 * end.speed - 1"}\nend.speed = {expression = "sqrt(tune.max_steps) / 2"}\n'
+        "tune.max_steps = {values = [64, 100]}\n"
+    )
+    text = f'{TURN}[sweep]\nrun = "certify"\n{table}'
+    code, content, dataset = run(text)
+    assert (code, content["failed"]) == (0, 0)
+    np.testing.assert_array_equal(dataset["end.speed"], [4.0, 5.0])
+    np.testing.assert_array_equal(dataset["start.speed"], [7.0, 9.0])
+    assert run(text)[0] == 0
+    code, error, _ = run(text.replace("- 1", "- 2"))
+    assert code == 2
+    assert "start.speed" in error
+
+
 @pytest.mark.parametrize("name", ["certify", "evaluate", "retime"])
 def test_other_runs_of_paths(run, name):
     options = 'outputs = ["lateral_acceleration"]\n' if name == "evaluate" else ""
@@ -230,7 +247,7 @@ BAD = [
     (f"{TURN}[sweep]\nlimits.curvature = {{values = []}}\n", "the parameter 'limits.curvature': it has no values"),
     (f"{TURN}[sweep]\nlimits.curvature = {{values = [nan]}}\n", "must be finite, but value 0 is not"),
     (f"{TURN}[sweep]\nlimits.curvature = {{uniform = [2, 1]}}\n", "low must be less than high"),
-    (f"{TURN}[sweep]\nlimits.curvature = {{normal = [2, 1]}}\n", "is random: pass the number of samples"),
+    (f"{TURN}[sweep]\nlimits.curvature = {{normal = [2, 1]}}\n", "is random: add samples, such as samples = 1000"),
     (f'{TURN}[sweep]\nlimits.curvature = {{file = "no.csv", column = "a"}}\n', "no.csv"),
     (f"{TURN}[sweep]\nlimits.curvatur = {{values = [1]}}\n", "did you mean 'curvature'"),
     (f"{TURN}[sweep]\nend.position.w = {{values = [1]}}\n", "must end with x, y or z"),
@@ -242,6 +259,17 @@ BAD = [
         "a grid has at most 100000000 points",
     ),
     (f"{TURN}{GRID}samples = 1000000000000\nend.position.z = {{uniform = [0, 1]}}\n", "3e+12 points, but a sweep has"),
+    (
+        f"{TURN}{GRID}samples = 1000000000000\nend.position.z = {{uniform = [0, 1]}}\n",
+        "use fewer steps or values, or {uniform = [low, high]} with samples = 1000000 and design = 'sobol'",
+    ),
+    (f"{TURN}{GRID}samples = 3\n", "no parameter is {uniform = [...]} or {normal = [...]}"),
+    (f'{TURN}{GRID}end.speed = {{expression = "0.8 * start.sped"}}\n', "contains 'start.sped', which is no parameter"),
+    (f"{TURN}{GRID}end.speed = {{expression = \"__import__('os')\"}}\n", "the parameter 'end.speed': the expression"),
+    (f"{TURN}{GRID}end.speed = {{expression = 3}}\n", "but {from, to, steps}"),
+    (f'{TURN}{GRID}end.speed = {{expression = "2 * end.speed"}}\n', "depend on each other"),
+    (f'{TURN}[sweep]\nend.speed = {{expression = "3"}}\n', "give one of these parameters values"),
+    (f'{TURN}{GRID}end.speed = {{expression = "1 / (limits.curvature - 0.1)"}}\n', "values that are not finite"),
     (f'{TURN}{GRID}design = "best"\n', "the key 'sweep.design'"),
 ]
 

@@ -14,8 +14,8 @@ from qtraj.algebra.tensor_forms import in_floats, in_integers, nodes
 from qtraj.design.proof.certificate import BROKEN, UNDECIDED
 from qtraj.design.robust.box_certificate import BoxCertificate
 from qtraj.design.robust.box_outcome import BoxTuned
-from qtraj.design.robust.certify_box import BoxProblem
-from qtraj.design.robust.family import Family
+from qtraj.design.robust.box_problem import BoxProblem
+from qtraj.design.robust.family_of_path import family_of_path, paths_of
 from qtraj.foundation.document import save
 
 START, END = qt.BoundaryState([20, 0, 0], [0, 6, 0]), qt.BoundaryState([0, 22, 1], [-6, 0, 0.2])
@@ -116,7 +116,8 @@ def test_degrees_of_a_product():
 @pytest.mark.parametrize("name", ["start_speed", "start_radial_speed", "end_axial_speed", "end_axial_position"])
 def test_states_of_the_paths(path, name):
     """Only the named component of the state may change."""
-    near = jax.tree.map(lambda x: x[0], Family(path, qt.Box(**{name: 0.5})).paths(np.array([[0.25]])))
+    family = family_of_path(path, qt.Box(**{name: 0.5}))
+    near = jax.tree.map(lambda x: x[0], paths_of(family, path, np.array([[0.25]])))
     for end, t in (("start", 0.0), ("end", float(path.duration))):
         before, after = (np.asarray(p.rotating_derivatives(t, 1)) for p in (path, near))
         change = after - before
@@ -302,6 +303,8 @@ def test_results_are_saved(path, tmp_path):
         (lambda: box_of(box=qt.Box(limits={"speed": 9.5})), "it must be positive"),
         (lambda: qt.Box(wind=5.0), r"multiplies the drag by \(1 \+ w/v\)²"),
         (lambda: qt.Box(gain=0.1), "sweep over simulations with random gains"),
+        (lambda: box_of(box=qt.Box(start_lateral_speed=0.1)), "only for routes, because a spiral-helix turns"),
+        (lambda: qt.robust_tune(START, END, qt.Limits(speed=9.0), qt.Box(end_lateral_position=0.1)), "only for routes"),
         (lambda: box_of(box=qt.Box(mass=10.0)), "limits have no vehicle"),
         (lambda: box_of(box=qt.Box(drag_area=1.0)), "the drag_area deviates, but limits have no vehicle"),
         (lambda: box_of(qt.Limits(power=1e4, vehicle=TRUCK), qt.Box(drag_area=6.0)), "must stay 0 or more"),

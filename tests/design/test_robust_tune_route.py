@@ -132,7 +132,6 @@ def test_limits_at_fixed_ends_are_infeasible():
     [
         (lambda: robust(3), "route must be a Route"),
         (lambda: robust(spread=0.1), "spread must be a Spread"),
-        (lambda: robust(spread=qt.Box(start_speed=0.1)), "spread must be a Spread"),
         (lambda: robust(share=0.2), "from 0.5 to 0.9999, but 0.2"),
         (lambda: robust(closed=True), "a closed route has no ends"),
         (lambda: robust(limits=qt.Limits(speed=qt.Along([0.0, 9.0], [9.0, 8.0]))), "supports only limits"),

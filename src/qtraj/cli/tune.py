@@ -5,10 +5,10 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
 import typer
 
 from qtraj.cli import layout, terminal
+from qtraj.cli.margins import margins, with_certificate
 from qtraj.cli.terminal import FrameName, Outcome
 from qtraj.design.tuning.choices import MOTIONS, OBJECTIVES, either
 from qtraj.foundation.naming import naming
@@ -90,7 +90,7 @@ def tune(
         "tuned": plain(best.record()),
         "change": plain(change.record()),
         "tuning": _tuning(task, best),
-        **({} if robust is None else {"robust": _robust(robust)}),
+        **({} if robust is None else {"robust": margins(robust)}),
         "warning": change.warning and f"{change.warning} {CAUSES}",
     }
     fitted = task.fitted is None or bool(task.fitted.successful)
@@ -135,22 +135,8 @@ def _tuned(loaded: "ScenarioFile[Any]", overrides: tuple[str | None, str | None,
         before = check(task.path)
         watch.say("tuning")
         robust = task.robust_tuned(watch.tuning)
-        best = task.tuned(watch.tuning) if robust is None else _with(robust.tuned, check(robust.tuned.path))
+        best = task.tuned(watch.tuning) if robust is None else with_certificate(robust.tuned, check(robust.tuned.path))
         return Result(task, before, best, compare_paths(task.path, best.path, (task.start, task.end)), robust)
-
-
-def _with(tuned: Any, certificate: "Certificate") -> "Tuned":
-    """Return the result of a tuning within tightened limits, with the certificate of the specified limits."""
-    import equinox as eqx
-
-    return eqx.tree_at(lambda x: x.certificate, tuned, certificate)
-
-
-def _robust(robust: "RobustTuned | BoxTuned") -> dict[str, Any]:
-    """Return the result of a tuning with margins as JSON types."""
-    tightened = {name: float(np.asarray(x)) for name, x in robust.limits.given().items()}
-    shares = {name: float(getattr(robust, name)) for name in ("share", "sampled_share") if hasattr(robust, name)}
-    return {"result": robust.result, "tightened_limits": tightened, "tunings": int(robust.rounds), **shares}
 
 
 def _tuning(task: "PathTask", best: "Tuned") -> dict[str, Any]:

@@ -29,7 +29,7 @@ from qtraj.scenario.limit_keys import LimitsPart
 from qtraj.scenario.path_parts import FitPart, RetimePart, TrackPart, TunePart
 from qtraj.scenario.reader import ScenarioFile
 from qtraj.scenario.recorded_limits import along_path, with_odd_limits
-from qtraj.scenario.robust_part import BoxPart, SpreadPart
+from qtraj.scenario.robust_part import BoxPart, SpreadPart, faults_of_deviations
 from qtraj.scenario.sweep_part import SweepPart
 from qtraj.scenario.vehicle import Beside, VehiclePart, require_vehicle
 
@@ -140,8 +140,7 @@ class PathScenario(LimitedScenario):
                 )
         if self.tune.turns is not None and self.start is None:
             yield "tune.turns is valid only with [start] and [end]: a track or a saved path already defines its turn"
-        if self.spread is not None and self.box is not None:
-            yield "spread and box both describe what deviates: specify one of them"
+        yield from faults_of_deviations(self, of_route=False)
         for name in self.given("duration", "turns"):
             if getattr(self.tune, name) is not None:
                 yield f"{name} and tune.{name} are the same setting: specify one of them"

@@ -9,12 +9,16 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, NamedTuple
 
+import numpy as np
+
 from qtraj.design.fitting.fit_route import fit_route
 from qtraj.design.fitting.route_stops import NOISY_DISTANCE
 from qtraj.design.limits import Limits
+from qtraj.design.robust.box_outcome import BoxTuned
+from qtraj.design.robust.outcome import RobustTuned
+from qtraj.design.robust.robust_tune_route import robust_tune_route
 from qtraj.design.tuning_route.arguments import require_suitable
 from qtraj.design.tuning_route.tune_route import tune_route
-from qtraj.design.tuning_route.tuned_route import TunedRoute
 from qtraj.foundation.naming import naming
 from qtraj.foundation.progress import Report
 from qtraj.io.input_file import read_input, with_track
@@ -32,6 +36,7 @@ from qtraj.scenario.path import LimitedScenario, lay, with_notes
 from qtraj.scenario.path_parts import TrackPart
 from qtraj.scenario.reader import ScenarioFile, nearest_kind, scenario_in
 from qtraj.scenario.recorded_limits import with_odd_limits
+from qtraj.scenario.robust_part import BoxPart, SpreadPart, faults_of_deviations
 
 EMBEDDED = DATA / "retime.toml"
 """The built-in scenario of `qtraj retime`."""
@@ -90,6 +95,7 @@ class RouteTunePart(Part):
         values="the name of a saved path, relative to the scenario",
     )
     max_steps: keys.Counts = key("maximum total number of steps of all searches", 300)
+    fixed_ends: bool = key("whether the states at both ends of the route are kept", True, values="a bool")
 
 
 class RouteScenario(LimitedScenario):
@@ -98,6 +104,8 @@ class RouteScenario(LimitedScenario):
     track: TrackPart = key("the recording")
     fit: RouteFitPart = key("settings of the fit", RouteFitPart())
     tune: RouteTunePart | None = key("settings of the tuning", None)
+    spread: SpreadPart | None = key("standard deviations, for a tuning with margins", None)
+    box: BoxPart | None = key("intervals of deviations, for a tuning with margins that are proved", None)
 
     def _faults(self) -> Iterator[str]:
         yield from super()._faults()
@@ -105,13 +113,17 @@ class RouteScenario(LimitedScenario):
             yield "[tune] needs limits: add a table [limits]"
         if self.tune is not None:
             require_suitable(tuple(self.limits.limits()), self.tune.objective)
+        for name in self.given("spread", "box"):
+            if self.tune is None:
+                yield f"[{name}] is for a tuning: add the table [tune]"
+        yield from faults_of_deviations(self, of_route=True)
 
 
 class RouteTask(NamedTuple):
     """A path and its limits, the recording to which the path was fitted, and a function that tunes the path.
 
     `recording` and `fitted`: None without a recording. `tuning`: None if the path is not tuned; the argument of this
-    function reports the progress.
+    function reports the progress. `robust_tuning`: the same with margins, None if nothing deviates.
     """
 
     path: AbstractHodograph | Shape
@@ -119,6 +131,7 @@ class RouteTask(NamedTuple):
     recording: Recording | None = None
     fitted: Any = None
     tuning: Callable[[Report], Any] | None = None
+    robust_tuning: Callable[[Report], RobustTuned | BoxTuned] | None = None
 
     @property
     def track(self) -> Track | None:
@@ -161,15 +174,30 @@ def fit_recording(loaded: ScenarioFile[RouteScenario]) -> RouteTask:
         limits = scenario.all_limits(loaded.beside, recording, fitted.path)
         near = scenario.tune and scenario.tune.nearest_to
         target = None if near is None else saved_hodograph(loaded.beside(near))
-        tuning = scenario.tune and partial(_tuned, fitted.path, limits, scenario.tune, target)
-        return RouteTask(fitted.path, limits, recording, fitted, tuning)
+        if scenario.tune is None:
+            return RouteTask(fitted.path, limits, recording, fitted)
+        tuning = partial(_tuned, fitted.path, limits, scenario.tune, target)
+        deviations = scenario.spread or scenario.box
+        robust = None if deviations is None else partial(tuning, deviations=deviations.arguments())
+        return RouteTask(fitted.path, limits, recording, fitted, tuning, robust)
 
 
 def _tuned(
-    path: Route, limits: Limits, part: RouteTunePart, target: AbstractHodograph | None, progress: Report
-) -> TunedRoute:
-    """Return the tuned route; `tune_route` does not report its progress."""
-    return tune_route(path, limits, part.tube, part.objective, nearest_to=target, max_steps=part.max_steps)
+    path: Route,
+    limits: Limits,
+    part: RouteTunePart,
+    target: AbstractHodograph | None,
+    progress: Report,
+    deviations: Mapping[str, Any] | None = None,
+) -> Any:
+    """Return the tuned route, with `deviations` a result of `robust_tune_route`; the progress is not reported."""
+    options: dict[str, Any] = {"tube": part.tube, "objective": part.objective, "nearest_to": target}
+    options["max_steps"] = part.max_steps
+    if not part.fixed_ends:
+        options["fixed"] = np.zeros(len(path.times), bool)
+    if deviations is None:
+        return tune_route(path, limits, **options)
+    return robust_tune_route(path, limits, **deviations, **options)
 
 
 def read_retiming(

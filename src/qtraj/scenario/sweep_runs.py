@@ -76,7 +76,13 @@ def routed(tasks: Sequence[RouteTask]) -> Outputs:
     """
     if tasks[0].tuning is None:
         raise ValueError("a sweep of routes needs the table [tune] in the scenario")
-    return results.stacked([results.of_route(task.tuning(lambda _: None)) for task in tasks if task.tuning])
+    return results.stacked([_routed(task) for task in tasks])
+
+
+def _routed(task: RouteTask) -> Outputs:
+    if task.robust_tuning is not None:
+        return results.of_robust(task.robust_tuning(lambda _: None), results.of_route)
+    return results.of_route(task.tuning(lambda _: None)) if task.tuning else {}
 
 
 FLIGHTS = 256

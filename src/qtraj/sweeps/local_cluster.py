@@ -43,6 +43,7 @@ def local_client(workers: int | None) -> Iterator[Any]:
 
     count = workers or CORES
     settings = {
+        "distributed.worker.profile.enabled": False,  # its history of an hour takes some 10 MB in each worker
         "distributed.scheduler.allowed-failures": ATTEMPTS,
         "distributed.admin.low-level-log-length": 0,
         "distributed.deploy.lost-worker-timeout": LOST,

@@ -52,13 +52,15 @@ def of_tuned(best: Any) -> Outputs:
     }
 
 
-def of_robust(found: Any) -> Outputs:
+def of_robust(found: Any, of_path: Callable[[Any], Outputs] = of_tuned) -> Outputs:
     """Return the outputs of a result of `robust_tune`: those of the tuned path, and what holds for the deviations.
+
+    `of_path` returns the outputs of the tuned path, `of_route` for a result of `robust_tune_route`.
 
     `holds`: for intervals, whether all limits are proved for all of them; for standard deviations, whether the wanted
     share of the samples satisfies all limits. `sampled_share`: this share; there is none for intervals.
     """
-    outputs = {**of_tuned(found.tuned), "holds": np.asarray(bool(found.successful)), **of_codes(found.code)}
+    outputs = {**of_path(found.tuned), "holds": np.asarray(bool(found.successful)), **of_codes(found.code)}
     share = getattr(found, "sampled_share", None)
     return outputs if share is None else {**outputs, "sampled_share": np.asarray(share)}
 

@@ -14,6 +14,8 @@ from qtraj.design.fitting.fitted_route import FittedRoute
 from qtraj.design.limits import Limits
 from qtraj.design.proof.certificate import Certificate
 from qtraj.design.proof.route_certificate import RouteCertificate
+from qtraj.design.robust.box_outcome import BoxTuned
+from qtraj.design.robust.outcome import RobustTuned
 from qtraj.design.speed_profile import SpeedProfile
 from qtraj.design.timing.outcome import Retimed
 from qtraj.design.tuning.outcome import Tuned
@@ -75,16 +77,18 @@ def route_files(
     certificate: RouteCertificate | None = None,
     tuned: TunedRoute | None = None,
     limits: Limits | None = None,
+    robust: RobustTuned | BoxTuned | None = None,
 ) -> dict[str, Writer]:
     """Return the files of `qtraj route`: the dataset from `route_dataset`, documents, figures and the report.
 
-    The figure shows the obstacles of `limits`.
+    The figure shows the obstacles of `limits`. `robust` is the result of a tuning with margins.
     """
     named = {
         "route.json": fitted.path if tuned is None else tuned.path,
         "fit.json": fitted,
         "certificate.json": certificate if tuned is None else tuned.certificate,
         "tuning.json": tuned,
+        "robust.json": robust,
     }
     drawn = figure("route", figures.route_figure(dataset, limits))
     return {**netcdf("paths.nc", dataset), **documents(named), **drawn, **report(dataset)}

@@ -18,12 +18,20 @@ from qtraj.path.quantity import quantity
 
 Interval = tuple[float, float]
 
-STATES = {
-    f"{end}_{name}": unit
-    for end in ("start", "end")
-    for name, unit in {"speed": "m s-1", "radial_speed": "m s-1", "axial_speed": "m s-1", "axial_position": "m"}.items()
-}
-"""The parameters of the boundary states and their units."""
+
+def _at_ends(**units: str) -> dict[str, str]:
+    return {f"{end}_{name}": unit for end in ("start", "end") for name, unit in units.items()}
+
+
+PATH_STATES = _at_ends(speed="m s-1", radial_speed="m s-1", axial_speed="m s-1", axial_position="m")
+"""The parameters of the boundary states of a spiral-helix and their units."""
+
+ROUTE_STATES = _at_ends(
+    speed="m s-1", lateral_speed="m s-1", vertical_speed="m s-1", lateral_position="m", vertical_position="m"
+)
+"""The parameters of the states at the ends of a route and their units."""
+
+STATES = {**PATH_STATES, **ROUTE_STATES}
 
 VEHICLE = {"mass": "kg", "drag_area": "m2"}
 """The parameters of the vehicle and their units."""
@@ -37,9 +45,11 @@ MAX_PARAMETERS = 3
 INSTEAD = {
     "friction": "pass limits={'friction': …}, the deviation of the limit on the friction",
     "duration": "the duration is fixed: call certify_box for each duration, or sweep over it",
-    "position": "only axial positions are possible, because the angular rate contains the inverse of the radius: pass "
-    "start_axial_position or end_axial_position, or give standard deviations in a Spread",
-    "velocity": "pass start_speed, start_radial_speed or start_axial_speed, or those of the end",
+    "position": "of a spiral-helix, only axial positions are possible, because the angular rate contains the inverse "
+    "of the radius: pass start_axial_position or end_axial_position, or for a route start_lateral_position or "
+    "start_vertical_position, or give standard deviations in a Spread",
+    "velocity": "pass start_speed, for a spiral-helix start_radial_speed or start_axial_speed, for a route "
+    "start_lateral_speed or start_vertical_speed, or those of the end",
     "radius": "the angular rate contains the inverse of the radius: give standard deviations in a Spread instead",
     "azimuth": "give standard deviations of the positions in a Spread instead",
     "drag": "pass drag_area, its deviation in m²",
@@ -56,7 +66,8 @@ class Box(eqx.Module):
     """Intervals of the deviations from a path, for proofs and tunings that hold for all values in them.
 
     Each interval is a number b, which means from −b to b, or a pair (lowest, highest). All combinations of the
-    deviations are possible. In contrast to a `Spread`, nothing is said about probabilities.
+    deviations are possible. In contrast to a `Spread`, nothing is said about probabilities. Radial and axial deviations
+    are for spiral-helices, lateral and vertical ones for routes, and all others for both.
 
     Args:
         start_speed: Deviation of the speed at the start [m/s]; the direction of the velocity is kept.
@@ -71,6 +82,14 @@ class Box(eqx.Module):
         drag_area: Deviation of its drag area [m²], also for wind: at the speed v, a headwind w multiplies the drag by
             (1 + w/v)².
         limits: Deviations of limits by name, in the unit of the limit, such as `{"friction": 0.05}`.
+        start_lateral_speed: Deviation of the velocity to the left of the route, horizontally [m/s].
+        start_vertical_speed: Deviation of the velocity upwards [m/s].
+        start_lateral_position: Deviation of the position to the left of the route, horizontally [m].
+        start_vertical_position: Deviation of the position upwards [m].
+        end_lateral_speed: As for the start.
+        end_vertical_speed: As for the start.
+        end_lateral_position: As for the start.
+        end_vertical_position: As for the start.
         intervals: More deviations of parameters by name, such as `{"start_speed": (-0.5, 0.5)}`; for `load`.
 
     Raises:
@@ -99,15 +118,41 @@ class Box(eqx.Module):
         limits: Mapping[str, Any] | None = None,
         drag_area: ArrayInput | None = None,
         *,
+        start_lateral_speed: ArrayInput | None = None,
+        start_vertical_speed: ArrayInput | None = None,
+        start_lateral_position: ArrayInput | None = None,
+        start_vertical_position: ArrayInput | None = None,
+        end_lateral_speed: ArrayInput | None = None,
+        end_vertical_speed: ArrayInput | None = None,
+        end_lateral_position: ArrayInput | None = None,
+        end_vertical_position: ArrayInput | None = None,
         intervals: Mapping[str, Any] | None = None,
         **unknown: Any,
     ):
         for mapping, name, example in ((limits, "limits", "friction"), (intervals, "intervals", "start_speed")):
             expected = f"a dictionary of deviations by name, such as {{{example!r}: 0.05}}"
             require_type(mapping, Mapping | None, name, expected)  # pyright: ignore[reportArgumentType]
-        own = (start_speed, start_radial_speed, start_axial_speed, start_axial_position)
-        own += (end_speed, end_radial_speed, end_axial_speed, end_axial_position, mass, drag_area)
-        given = {name: x for name, x in zip(UNITS, own, strict=True) if x is not None} | dict(intervals or {})
+        own = {
+            "start_speed": start_speed,
+            "start_radial_speed": start_radial_speed,
+            "start_axial_speed": start_axial_speed,
+            "start_axial_position": start_axial_position,
+            "end_speed": end_speed,
+            "end_radial_speed": end_radial_speed,
+            "end_axial_speed": end_axial_speed,
+            "end_axial_position": end_axial_position,
+            "start_lateral_speed": start_lateral_speed,
+            "start_vertical_speed": start_vertical_speed,
+            "start_lateral_position": start_lateral_position,
+            "start_vertical_position": start_vertical_position,
+            "end_lateral_speed": end_lateral_speed,
+            "end_vertical_speed": end_vertical_speed,
+            "end_lateral_position": end_lateral_position,
+            "end_vertical_position": end_vertical_position,
+            "mass": mass,
+            "drag_area": drag_area,
+        }
+        given = {name: x for name, x in own.items() if x is not None} | dict(intervals or {})
         for name in (*unknown, *given):
             if name not in UNITS:
                 raise ValueError(f"{name} is not a parameter of a Box: {_instead(name)}")

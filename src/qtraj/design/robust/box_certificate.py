@@ -104,7 +104,9 @@ class BoxCertificate(AbstractOutcome):
         """Describe the result, with the deviations for which a limit is not satisfied."""
         if ResultCode(int(np.asarray(self.code))) == ResultCode.successful:
             return "every limit is proved to be satisfied on the whole path, for all deviations in the box."
-        return unmet_text(self, "Raise the limits, make the box smaller, or tune the path with robust_tune(..., box).")
+        return unmet_text(
+            self, "Raise the limits, make the box smaller, or tune with robust_tune or robust_tune_route."
+        )
 
     def save(self, file: str | os.PathLike[str]) -> None:
         """Write the certificate to a TOML or JSON file without loss of precision; `qtraj.load` reads the file.

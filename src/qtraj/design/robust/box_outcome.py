@@ -9,6 +9,7 @@ from qtraj.design.limits import Limits
 from qtraj.design.robust.box_certificate import BoxCertificate, unmet_text
 from qtraj.design.robust.outcome import record_with, tightened_text
 from qtraj.design.tuning.outcome import Tuned
+from qtraj.design.tuning_route.tuned_route import TunedRoute
 from qtraj.foundation import document
 from qtraj.foundation.arrays import as_array
 from qtraj.foundation.document import storable
@@ -21,7 +22,7 @@ from qtraj.foundation.types import ArrayInput
 class BoxTuned(AbstractOutcome):
     """A path that satisfies limits for all deviations in a box.
 
-    - `tuned`: the result of `tune` within the tightened limits; its certificate is for these limits.
+    - `tuned`: the result of `tune` or `tune_route` within the tightened limits; its certificate is for these limits.
     - `limits`: the tightened limits.
     - `certificate`: the `BoxCertificate` of the path and the original limits, with the box; None if no
       path was found.
@@ -29,7 +30,7 @@ class BoxTuned(AbstractOutcome):
     - `code`: a `ResultCode`; `result` explains it.
     """
 
-    tuned: Tuned
+    tuned: Tuned | TunedRoute
     limits: Limits
     certificate: BoxCertificate | None
     rounds: Int[Array, ""]
@@ -37,7 +38,7 @@ class BoxTuned(AbstractOutcome):
 
     def __init__(
         self,
-        tuned: "Tuned",
+        tuned: "Tuned | TunedRoute",
         limits: "Limits",
         certificate: "BoxCertificate | None",
         rounds: ArrayInput,

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from qtraj.design.divisors import factors as factors_of
 from qtraj.design.limits import Limits
 from qtraj.design.proof.certify import certify
-from qtraj.design.proof.findings import Limit
+from qtraj.design.proof.findings import Findings, Limit
 from qtraj.design.proof.route_segments import findings
 from qtraj.design.robust.driven import BLOCK
 from qtraj.design.robust.vehicles import deviating
@@ -73,19 +73,22 @@ class DrivenRoute(NamedTuple):
         """Return the largest values on a segment whose coefficients change, for deviations of the vehicle."""
         if len(change) > 1 and deviations is None and not change.any():
             return np.repeat(self._values(row, change[:1], None), len(change), axis=0)
-        vehicle: Any = self.limits.vehicle
-        if deviations is not None:
-            vehicle = deviating(vehicle, deviations)
         count = len(change)
         same = self.segments.part(np.full(count, row))
         coefficients = np.zeros((count, max(6, same.coefficients.shape[1]), 3))
         coefficients[:, : same.coefficients.shape[1]] = same.coefficients
         coefficients[:, :6] += change
-        factors = factors_of(self.limits, float)
-        each = zip(self.limits.constant().items(), factors, strict=True)
-        limits = [Limit(quantity(name), np.asarray(x, float), np.asarray(factor, float)) for (name, x), factor in each]
-        road = fixed_parameters(vehicle, float) if self.limits.uses_vehicle else None
-        return findings(same._replace(coefficients=coefficients), limits, road)[2]
+        return findings_on(same._replace(coefficients=coefficients), self.limits, deviations).values
+
+
+def findings_on(segments: Segments, limits: Limits, deviations: Float[np.ndarray, "n 2"] | None = None) -> Findings:
+    """Return the findings on segments, for deviations of the vehicle (see `deviating`) unless they are None."""
+    vehicle: Any = limits.vehicle
+    if deviations is not None:
+        vehicle = deviating(vehicle, deviations)
+    each = zip(limits.constant().items(), factors_of(limits, float), strict=True)
+    bounds = [Limit(quantity(name), np.asarray(x, float), np.asarray(factor, float)) for (name, x), factor in each]
+    return findings(segments, bounds, fixed_parameters(vehicle, float) if limits.uses_vehicle else None)
 
 
 def _change(h: float, basis: np.ndarray, deviations: Float[np.ndarray, "n 2 3"]) -> Float[np.ndarray, "n 6 3"]:

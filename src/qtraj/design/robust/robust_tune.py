@@ -6,14 +6,17 @@ from typing import Any, overload
 
 import numpy as np
 
-from qtraj.design.limits import Limits
+from qtraj.design.limits import Limits, require_limits
 from qtraj.design.robust.box import Box
 from qtraj.design.robust.box_outcome import BoxTuned
+from qtraj.design.robust.box_problem import BoxProblem
+from qtraj.design.robust.box_requirements import require_box, require_box_limits, require_states
 from qtraj.design.robust.driven import driven
 from qtraj.design.robust.outcome import RobustTuned
 from qtraj.design.robust.spread import Spread
 from qtraj.design.robust.to_share import require_share, tuned_to_share
 from qtraj.design.robust.tune_in_box import tune_in_box
+from qtraj.design.tuning.outcome import Tuned
 from qtraj.design.tuning.tune import tune
 from qtraj.foundation.argument import require_type
 from qtraj.foundation.devices import of_one_device
@@ -96,7 +99,7 @@ def robust_tune(
         _require_one(start, end)
         if (share, samples, seed) != (0.99, 8192, 0):
             raise ValueError("share, samples and seed are only for a Spread: with a Box, all deviations count")
-        return tune_in_box(start, end, limits, spread, **options)
+        return _tuned_in_box(start, end, limits, spread, options)
     _require_one(start, end)
     require_share("robust_tune", limits, spread, share, samples, seed)
     return tuned_to_share(
@@ -108,6 +111,20 @@ def robust_tune(
         samples,
         seed,
     )
+
+
+def _tuned_in_box(
+    start: BoundaryState, end: BoundaryState, limits: Limits, box: Box, options: dict[str, Any]
+) -> BoxTuned:
+    require_limits(limits)
+    require_box_limits(limits, box, "robust_tune")
+    require_states(box, of_route=False)
+
+    def around(tuned: Tuned) -> BoxProblem:
+        require_box(tuned.path, limits, box)
+        return BoxProblem.of(tuned.path, limits, box)
+
+    return tune_in_box(lambda tight: tune(start, end, tight, **options), around, limits, box)
 
 
 def _require_one(start: BoundaryState, end: BoundaryState) -> None:

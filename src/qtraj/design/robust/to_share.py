@@ -36,6 +36,12 @@ Otherwise two paths with different standard deviations could alternate.
 MOST_DEVIATIONS = 8
 """No sample deviates by as many standard deviations."""
 
+SMALLEST_SHARE, LARGEST_SHARE = 0.5, 0.9999
+"""The range of probabilities that all limits are satisfied."""
+
+SAMPLES = tuple(2**k for k in range(8, 21))
+"""The possible numbers of samples."""
+
 SLOPES = 0.3, 3.0
 """Smallest and largest change of the quantile of the share per change of the factor; it is about 1."""
 
@@ -128,13 +134,13 @@ def _sigmas(paths: Deviating, spread: Spread) -> Float[np.ndarray, " k"]:
 def require_share(call: str, limits: Limits, spread: Spread, share: float, samples: int, seed: int) -> None:
     """Raise a ValueError for arguments of `call` with which no share is possible."""
     if not isinstance(spread, Spread):
-        other = ", or a Box" if call == "robust_tune" else ""
         raise ValueError(
-            f"spread must be a Spread, such as Spread(start_velocity=0.1){other}, but {spread!r} was given"
+            f"spread must be a Spread, such as Spread(start_velocity=0.1), or a Box, but {spread!r} was given"
         )
-    if isinstance(share, bool) or not isinstance(share, numbers.Real) or not 0.5 <= share <= 0.9999:
-        raise ValueError(f"share must be a probability from 0.5 to 0.9999, but {share!r} was given")
-    if not isinstance(samples, int | np.integer) or samples not in {2**k for k in range(8, 21)}:
+    if isinstance(share, bool) or not isinstance(share, numbers.Real) or not SMALLEST_SHARE <= share <= LARGEST_SHARE:
+        text = f"a probability from {SMALLEST_SHARE} to {LARGEST_SHARE}"
+        raise ValueError(f"share must be {text}, but {share!r} was given")
+    if not isinstance(samples, int | np.integer) or samples not in SAMPLES:
         raise ValueError(f"samples must be a power of two from 256 to 2**20, but {samples!r} was given")
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise ValueError(f"seed must be an integer, 0 or more, but {seed!r} was given")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -10,13 +11,13 @@ from qtraj.design.limits import Limits
 from qtraj.design.robust.box import Box
 from qtraj.design.robust.box_certificate import BoxCertificate
 from qtraj.design.robust.box_outcome import BoxTuned
-from qtraj.design.robust.certify_box import BoxProblem, require_box, require_box_limits, strictest
+from qtraj.design.robust.box_problem import BoxProblem, strictest
 from qtraj.design.robust.driven import bounds_of
+from qtraj.design.robust.route_box import RouteBoxProblem
 from qtraj.design.robust.tightened import tightened
 from qtraj.design.tuning.outcome import Tuned
-from qtraj.design.tuning.tune import tune
+from qtraj.design.tuning_route.tuned_route import TunedRoute
 from qtraj.foundation.outcome import ResultCode
-from qtraj.path.boundary import BoundaryState
 
 MAX_ROUNDS = 16
 """Maximum number of tunings."""
@@ -28,19 +29,25 @@ CLOSE = 1e-3
 """Largest relative distance of the worst values from the limits that needs no further tuning."""
 
 
-def tune_in_box(start: BoundaryState, end: BoundaryState, limits: Limits, box: Box, **options: Any) -> BoxTuned:
-    """Tune so that `certify_box` proves the limits; see `robust_tune`."""
-    require_box_limits(limits, box, "robust_tune")
+def tune_in_box(
+    solve: Callable[[Limits], Any],
+    around: Callable[[Any], BoxProblem | RouteBoxProblem],
+    limits: Limits,
+    box: Box,
+) -> BoxTuned:
+    """Return the result of `solve` within limits so tight that `certify_box` proves them; see `robust_tune`.
+
+    `solve` tunes within limits, and `around` returns the problem of the paths near its result.
+    """
     strict = strictest(limits, box)
     bounds, sides, _ = bounds_of(strict)
     aims = bounds - sides * GAP * np.maximum(np.abs(bounds), 1e-3)
     extra = np.zeros((0, len(box.names)))
-    tuned, tight, margins, rounds = tune(start, end, strict, **options), strict, np.zeros(len(bounds)), 1
+    tuned, tight, margins, rounds = solve(strict), strict, np.zeros(len(bounds)), 1
     while True:
         if not tuned.converged:
             return BoxTuned(tuned, tight, None, rounds, int(tuned.code))
-        require_box(tuned.path, limits, box)
-        problem = BoxProblem.of(tuned.path, limits, box)
+        problem = around(tuned)
         points = np.concatenate([problem.grid(), extra])
         reached, nominal = _worst(problem, points, sides)
         excess = sides * (reached - aims) / np.maximum(np.abs(bounds), 1e-3)
@@ -62,10 +69,12 @@ def tune_in_box(start: BoundaryState, end: BoundaryState, limits: Limits, box: B
         if closer is None:
             return BoxTuned(tuned, tight, None, rounds, int(ResultCode.infeasible))
         tight, rounds = closer, rounds + 1
-        tuned = tune(start, end, tight, **options)
+        tuned = solve(tight)
 
 
-def _worst(problem: BoxProblem, points: np.ndarray, sides: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _worst(
+    problem: BoxProblem | RouteBoxProblem, points: np.ndarray, sides: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the worst values at some deviations and the values without deviations."""
     nominal = problem.values(np.zeros((1, points.shape[1])))[1][0]
     values = problem.values(points)[1]
@@ -77,6 +86,6 @@ def _counterexamples(certificate: BoxCertificate) -> np.ndarray:
     return np.asarray(certificate.deviations)[unmet]
 
 
-def _outcome(tuned: Tuned, tight: Limits, certificate: BoxCertificate, rounds: int) -> BoxTuned:
+def _outcome(tuned: Tuned | TunedRoute, tight: Limits, certificate: BoxCertificate, rounds: int) -> BoxTuned:
     code = ResultCode(int(tuned.code)) if certificate.holds else ResultCode.not_converged
     return BoxTuned(tuned, tight, certificate, rounds, int(code))
