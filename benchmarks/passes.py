@@ -62,7 +62,7 @@ def _operations(text: str) -> Iterator[tuple[bool, dict[str, str]]]:
         if start := COMPUTATION.match(line):
             in_entry = bool(start["entry"])
         elif found := OPERATION.search(line):
-            yield in_entry, found.groupdict()
+            yield in_entry, found.groupdict("")
 
 
 def exported_arithmetic(text: str, instants: int) -> int:
