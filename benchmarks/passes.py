@@ -76,7 +76,7 @@ def measured(instants: int) -> tuple[int, dict[str, Counts]]:
     separate, joined = (jax.jit(_components(join)) for join in (list, in_one_loop))
     exported = jax.export.export(separate, platforms=("cuda",))(path, times).mlir_module()
     calls = {"separate arrays": separate, "in one loop": joined}
-    found = {name: call.lower(path, times).compile().as_text() for name, call in calls.items()}
+    found = {name: call.lower(path, times).compile().as_text() or "" for name, call in calls.items()}
     return exported_arithmetic(exported, instants), {name: compiled_counts(x, instants) for name, x in found.items()}
 
 
