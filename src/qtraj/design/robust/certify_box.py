@@ -50,6 +50,6 @@ def certify_box(path: SpiralHelix | Route, limits: Limits, box: Box, *, throw: b
         {'speed': 'proved'}
     """
     require_box(path, limits, box)
-    problem = RouteBoxProblem if isinstance(path, Route) else BoxProblem
-    found = problem.of(path, limits, box).certificate()  # pyright: ignore[reportArgumentType]
+    problem = RouteBoxProblem.of(path, limits, box) if isinstance(path, Route) else BoxProblem.of(path, limits, box)
+    found = problem.certificate()
     return found.check() if throw else found
