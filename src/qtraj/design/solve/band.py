@@ -24,11 +24,11 @@ def factor(band: Float[Any, "batch n width"]) -> Factored:
     """
     from scipy.linalg import lapack  # slow to import, and most programs never solve a band system
 
-    failed = ~np.isfinite(band).all(axis=(1, 2))
+    failed = ~np.isfinite(band.reshape(len(band), -1).sum(axis=1))  # faster than a test of each entry
     while True:
         if failed.any():
             band[failed] = np.eye(band.shape[2])[-1]
-        upper, info = lapack.dpbtrf(band.reshape(-1, band.shape[2]).T)  # pyright: ignore[reportAttributeAccessIssue]
+        upper, info = lapack.dpbtrf(band.reshape(-1, band.shape[2]).T, overwrite_ab=1)  # pyright: ignore[reportAttributeAccessIssue]
         if info <= 0:
             return Factored(upper, failed)
         failed[(info - 1) // band.shape[1]] = True
