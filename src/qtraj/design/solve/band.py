@@ -28,7 +28,7 @@ def factor(band: Float[Any, "batch n width"]) -> Factored:
     while True:
         if failed.any():
             band[failed] = np.eye(band.shape[2])[-1]
-        upper, info = lapack.dpbtrf(band.reshape(-1, band.shape[2]).T, overwrite_ab=1)  # pyright: ignore[reportAttributeAccessIssue]
+        upper, info = lapack.dpbtrf(band.reshape(-1, band.shape[2]).T)  # pyright: ignore[reportAttributeAccessIssue]
         if info <= 0:
             return Factored(upper, failed)
         failed[(info - 1) // band.shape[1]] = True

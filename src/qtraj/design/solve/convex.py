@@ -239,20 +239,25 @@ def longest(fall: PerProblem) -> PerProblem:
 
 def _sum(x: PerConstraint) -> PerProblem:
     """Return the sum over constraints and nodes for each problem."""
-    return np.add.reduce(x, axis=0).reshape(x.shape[1], -1).sum(axis=1)
+    return _rows(x).sum(axis=2).sum(axis=0)
 
 
 def _dot(x: PerConstraint, y: PerConstraint) -> PerProblem:
     """Return the sum of the products over constraints and nodes for each problem."""
-    return np.einsum("cbn,cbn->b", *(a.reshape(*a.shape[:2], -1) for a in (x, y)))
+    return np.vecdot(_rows(x), _rows(y)).sum(axis=0)
 
 
 def _max(x: PerConstraint) -> PerProblem:
-    return np.max(x, axis=0).reshape(x.shape[1], -1).max(axis=1)
+    return np.maximum.reduce(_rows(x), axis=(0, 2))
 
 
 def _min(x: PerConstraint) -> PerProblem:
-    return np.min(x, axis=0).reshape(x.shape[1], -1).min(axis=1)
+    return np.minimum.reduce(_rows(x), axis=(0, 2))
+
+
+def _rows(x: PerConstraint) -> Float[Any, "count batch nodes"]:
+    """Return the array with one axis for all nodes."""
+    return x.reshape(*x.shape[:2], -1)
 
 
 def _over(x: PerProblem, like: PerConstraint) -> np.ndarray:

@@ -130,7 +130,7 @@ def second_derivatives(
     tangent leaves the second derivatives 2YᵀY, where Y is the Jacobian of y.
     """
     pairs, count = list(zip(*np.tril_indices(c.orders), strict=True)), len(c.forms)
-    found = np.empty((len(pairs), *v.shape[1:]))
+    found: Any = np.empty((len(pairs), *v.shape[1:]))
     scaled = ratio[1:, None] * slope[1:]  # the first constraint depends on a only
     for own, (i, j) in zip(found, pairs, strict=True):
         np.einsum("c...,c...->...", scaled[:, i], slope[1:, j], out=own)
@@ -145,7 +145,8 @@ def second_derivatives(
             own += twice * form[i, j]
     if c.jerk is not None:
         last = multipliers[c.before_jerk : c.before_formulas]
-        slopes = np.einsum("k...,ki...->i...", last, products(c, v).jerk if p is None else p.jerk)
+        known: Any = (products(c, v) if p is None else p).jerk
+        slopes = np.einsum("k...,ki...->i...", last, known)
         for own, (i, j) in zip(found, pairs, strict=True):
             own += np.einsum("k...,k...->...", 2 * last * v[0][None], c.jerk[:, i, j])
             if j == 0:

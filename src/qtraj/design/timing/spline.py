@@ -217,6 +217,7 @@ PAIRS = np.array([(k, k - d) for d in range(DEGREE + 1) for k in range(d, DEGREE
 FIRST_PAIRS = [0, 4, 7, 9, 10]
 """The first pair of each diagonal, and the number of all pairs."""
 
+
 def products(basis: Float[Any, "orders 4 2 cells+1"]) -> Float[Any, "entries pairs 2 cells+1"]:
     """Return the table of `gathered_band`: products of two values of the basis, for each pair of coefficients.
 
