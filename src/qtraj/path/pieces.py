@@ -24,7 +24,7 @@ MIN_ROWS = 8
 
 
 BLOCK_SIZE = 4096
-"""Number of instants that `derivatives` computes together."""
+"""Number of instants that are computed together in NumPy: their data fit into the cache of the processor."""
 
 
 def arithmetic(*arrays: Any) -> Any:

@@ -24,7 +24,7 @@ def factor(band: Float[Any, "batch n width"]) -> Factored:
     """
     from scipy.linalg import lapack  # slow to import, and most programs never solve a band system
 
-    failed = ~np.isfinite(band).all(axis=(1, 2))
+    failed = ~np.isfinite(band.reshape(len(band), -1).sum(axis=1))  # faster than a test of each entry
     while True:
         if failed.any():
             band[failed] = np.eye(band.shape[2])[-1]

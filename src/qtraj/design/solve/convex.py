@@ -169,55 +169,95 @@ def solve(program: Program, start: State, enough: PerProblem, violated: float = 
 
 
 def _step(p: Program, s: State, enough: PerProblem, violated: float) -> State:
-    """Return the next iterates."""
-    z, inv_slacks, inv_multipliers = s.multipliers, 1 / s.slacks, 1 / s.multipliers
+    """Return the next iterates.
+
+    The arrays of constraints may exceed the cache of the processor, so most are computed in place and in few passes.
+    """
+    z, inv_slacks = s.multipliers, 1 / s.slacks
     ratio = z * inv_slacks
     at = p.linearise(s.z, z, ratio)
     count = z[:, 0].size
-    mean = _sum(s.slacks * z) / count
-    residual, gradient = at.values + s.slacks, at.gradient(z)
-    missing = _sum(np.abs(residual) * z)
+    gap, residual, gradient = _dot(s.slacks, z), at.values + s.slacks, at.gradient(z)
+    missing = _dot(np.abs(residual), z)
     least = BALANCE / count * (np.sum(np.abs(gradient * s.z), axis=1) + missing)
-    target, off = 0.0, residual
-    for last in (False, True):  # the predictor and the corrector
-        change = -at.solved(at.gradient(target * inv_slacks + ratio * off))
-        move = at.move(change)
-        ds = -off - move.rise
-        dz = target * inv_slacks - z - ratio * ds
-        if not last:
-            primal, dual = (np.minimum(longest(*x), 1.0) for x in ((inv_slacks, ds), (inv_multipliers, dz)))
-            part, other = _over(primal, ds), _over(dual, dz)
-            predicted = _sum((s.slacks + part * ds) * (z + other * dz)) / count
-            centring = np.clip((predicted / mean) ** 3, 1e-6, 1.0)
-            target = _over(np.maximum(centring * mean, np.minimum(least, mean)), ds) - part * other * ds * dz
-            off = residual + move.values(primal) - at.values - part * move.rise  # corrects for the curvature
-    primal = np.minimum(BOUNDARY * longest(inv_slacks, ds), WITHIN * move.longest())
-    primal, dual = (np.minimum(x, 1.0) for x in (primal, BOUNDARY * longest(inv_multipliers, dz)))
+
+    # The predictor aims at a duality gap of zero.
+    _, move, ds = _newton(at, ratio * residual, residual)
+    fall = ds * inv_slacks
+    primal, dual = (np.minimum(longest(x), 1.0) for x in (-_min(fall), 1 + _max(fall)))
+    fall += 1
+    fall *= z  # the decrease of the multipliers
+    aim = fall * ds
+    predicted = gap + primal * _dot(ds, z) - dual * (_dot(s.slacks, fall) + primal * _sum(aim))
+    centring = np.clip((predicted / gap) ** 3, 1e-6, 1.0)
+
+    # The corrector aims at equal products of slacks and multipliers, and corrects for the curvature.
+    aim *= _over(primal * dual, ds)
+    aim += _over(np.maximum(centring * gap, np.minimum(least * count, gap)) / count, ds)
+    aim *= inv_slacks
+    off = move.values(primal)
+    off += s.slacks
+    off -= _over(primal, ds) * move.rise
+    change, move, ds = _newton(at, ratio * off + aim, off)
+    fall = ds * inv_slacks
+    primal = np.minimum(BOUNDARY * longest(-_min(fall)), WITHIN * move.longest())
+    fall += 1
+    fall *= z
+    dz = np.subtract(aim, fall, out=aim)
+    primal, dual = (np.minimum(x, 1.0) for x in (primal, BOUNDARY * longest(-_min(dz / z))))
     # The optimality error is the sum of the duality gap and the predicted effects of the Newton step and the residuals.
     improvement = np.sum(np.abs(gradient * change), axis=1) + missing
-    error = np.where(_max(at.values) <= violated, mean * count + improvement, np.inf) / at.objective
+    error = np.where(_max(at.values) <= violated, gap + improvement, np.inf) / at.objective
     # The last step changes only the multipliers, on which the derivatives of the minimum depend.
     primal = np.where(error < enough, 0.0, primal)
-    return State(
-        s.z + primal[:, None] * change, s.slacks + _over(primal, ds) * ds, z + _over(dual, dz) * dz, s.steps + 1, error
-    )
+    ds *= _over(primal, ds)
+    ds += s.slacks
+    dz *= _over(dual, dz)
+    dz += z
+    return State(s.z + primal[:, None] * change, ds, dz, s.steps + 1, error)
 
 
-def longest(inverse: np.ndarray, dx: np.ndarray) -> PerProblem:
-    """Return the largest step size, at most 1e3, with x + step·dx ≥ 0, where `inverse` is 1/x > 0.
+def _newton(at: Linear, right: PerConstraint, off: PerConstraint) -> tuple[Variables, Move, PerConstraint]:
+    """Return the changes of the variables, their effects, and the changes of the slacks.
 
-    The batch axis is the second one.
+    The changes of the slacks reduce the residuals `off` of the constraints to zero; `right` are the weights of their
+    gradients.
     """
-    return 1 / np.maximum(_max(-dx * inverse), 1e-3)
+    change = -at.solved(at.gradient(right))
+    move = at.move(change)
+    ds = off + move.rise
+    return change, move, np.negative(ds, out=ds)
+
+
+def longest(fall: PerProblem) -> PerProblem:
+    """Return the largest step size, at most 1e3, up to which no x becomes negative.
+
+    `fall` is the largest relative decrease −dx/x of one step of size 1.
+    """
+    return 1 / np.maximum(fall, 1e-3)
 
 
 def _sum(x: PerConstraint) -> PerProblem:
     """Return the sum over constraints and nodes for each problem."""
-    return np.add.reduce(x, axis=0).reshape(x.shape[1], -1).sum(axis=1)
+    return _rows(x).sum(axis=2).sum(axis=0)
+
+
+def _dot(x: PerConstraint, y: PerConstraint) -> PerProblem:
+    """Return the sum of the products over constraints and nodes for each problem."""
+    return np.vecdot(_rows(x), _rows(y)).sum(axis=0)
 
 
 def _max(x: PerConstraint) -> PerProblem:
-    return np.max(x, axis=0).reshape(x.shape[1], -1).max(axis=1)
+    return np.maximum.reduce(_rows(x), axis=(0, 2))
+
+
+def _min(x: PerConstraint) -> PerProblem:
+    return np.minimum.reduce(_rows(x), axis=(0, 2))
+
+
+def _rows(x: PerConstraint) -> Float[Any, "count batch nodes"]:
+    """Return the array with one axis for all nodes."""
+    return x.reshape(*x.shape[:2], -1)
 
 
 def _over(x: PerProblem, like: PerConstraint) -> np.ndarray:

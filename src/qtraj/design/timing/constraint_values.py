@@ -3,14 +3,13 @@
 All functions accept NumPy and JAX arrays, except `second_derivatives`, which needs NumPy arrays.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from qtraj.design.timing import road
 from qtraj.design.timing.constraints import POWERS, UPPER, Constraints, Parts
-from qtraj.design.timing.forms import symmetric
 from qtraj.design.timing.road import ROAD
 from qtraj.foundation.namespace import namespace
 
@@ -61,44 +60,58 @@ def ratios(found: Float[Any, "limits *nodes"], rows: tuple[str, ...]) -> Float[A
     return xp.stack([xp.sign(x) * xp.sqrt(abs(x)) if root else x for x, root in zip(found, linear, strict=True)])
 
 
-def values(c: Constraints, v: Float[Any, "orders *nodes"]) -> Float[Any, "count *nodes"]:
-    """Return the constraint values, which must not be positive."""
+class Products(NamedTuple):
+    """The products of the matrices of the forms, and of those of the jerk, with v; both occur in several functions."""
+
+    forms: Float[Any, "forms 2 *nodes"]
+    jerk: Float[Any, "jerks 3 *nodes"] | None
+
+
+def products(c: Constraints | Parts, v: Float[Any, "orders *nodes"]) -> Products:
+    """Return the products of the matrices with v."""
+    xp = namespace(v, c.upper)
+    return Products(_products(xp, c.forms, v), None if c.jerk is None else _products(xp, c.jerk, v))
+
+
+def values(c: Constraints, v: Float[Any, "orders *nodes"], p: Products | None = None) -> Float[Any, "count *nodes"]:
+    """Return the constraint values, which must not be positive; `p` are the `products` if they are known."""
     on_road = [] if c.road is None else [x[None] for x in road.values(c.road, v)]
-    upper, (forms, *jerk) = (c.upper * v[0])[None], _squares(c, v)
-    own = [x - 1 for x in (upper, forms, *([_of_sides(c, v)] if len(c.sides) else []))]
-    combined = [] if c.combined is None else [c.combined.value(v)[None]]
-    formulas = [] if c.formulas is None else [c.formulas.values(v)]
-    return namespace(v, c.upper).concatenate([*own, *combined, *(x - 1 for x in jerk), *formulas, *on_road])
+    upper, (forms, *jerk) = (c.upper * v[0])[None], _squares(c, v, p)
+    sides = [_of_sides(c, v)] if len(c.sides) else []
+    combined = [] if c.combined is None else [1 + c.combined.value(v)[None]]
+    found = namespace(v, c.upper).concatenate([upper, forms, *sides, *combined, *jerk])
+    found -= 1
+    others = [*([] if c.formulas is None else [c.formulas.values(v)]), *on_road]
+    return namespace(v, c.upper).concatenate([found, *others]) if others else found
 
 
-def gradients(c: Constraints, v: Float[Any, "orders *nodes"]) -> Gradients:
+def gradients(c: Constraints, v: Float[Any, "orders *nodes"], p: Products | None = None) -> Gradients:
     """Return the gradients of `values` with respect to the components of v = (a, a', a''), where a = u̇²."""
     xp = namespace(v, c.upper)
-    zero = xp.zeros_like(v[:1] * c.upper[None])
-    found = [xp.concatenate([c.upper[None], *[zero] * (c.orders - 1)])[None]]
-    flat = [2 * _products(xp, c.forms, v)]
-    if len(c.sides):
-        sides = c.sides[:, 1:] + 0.0 * v[0][None, None]
-        if c.bends is not None:
-            sides[:, 0] += c.bends.values(v[0])[1]
-        flat.append(sides)
+    forms, jerk = products(c, v) if p is None else p
+    shape = np.broadcast_shapes(v.shape[1:], c.upper.shape)
+    zero = xp.zeros((1, *shape), v.dtype)
+    rows = [xp.broadcast_to(c.upper, shape)[None], *[zero] * (c.orders - 1)]
+    rest = [zero] * (c.orders - 2)
+    for x in forms:
+        rows += [2 * x, *rest]
+    bends = [0.0] * len(c.sides) if c.bends is None else c.bends.values(v[0])[1]
+    for own, bend in zip(c.sides, bends, strict=True):
+        slope = own[1] + bend
+        rows += [xp.broadcast_to(xp.stack([slope, own[2]]), (2, *shape)), *rest]
     if c.combined is not None:
-        flat.append(xp.stack(c.combined.gradient(v))[None])
-    found += flat if c.orders == 2 else [xp.concatenate([x, xp.zeros_like(x[:, :1])], axis=1) for x in flat]
-    if c.jerk is not None:
-        slope = _products(xp, c.jerk, v)
-        own = 2 * v[0][None, None] * slope
-        found.append(
-            xp.concatenate([own[:, :1] + xp.einsum("ki...,i...->k...", slope, v)[:, None], own[:, 1:]], axis=1)
-        )
+        rows += [xp.stack(c.combined.gradient(v)), *rest]
+    for x in () if jerk is None else jerk:
+        own = 2 * v[0][None] * x
+        rows += [own[:1] + xp.einsum("i...,i...->...", x, v)[None], own[1:]]
     if c.formulas is not None:
         own = c.formulas.gradients(v)
-        more = [np.zeros_like(own[:, :1])] * (c.orders - own.shape[1])
-        found.append(np.concatenate([own, *more], axis=1))
+        for x in own:
+            rows += [x, *[zero] * (c.orders - own.shape[1])]
     if c.road is not None:
-        more = [] if c.orders == 2 else [zero[0]]
-        found += [xp.stack([*x, *more])[None] for x in road.gradients(c.road, v)]
-    return xp.concatenate(found)
+        for x in road.gradients(c.road, v):
+            rows += [xp.stack(x), *rest]
+    return xp.concatenate(rows).reshape(-1, c.orders, *shape)
 
 
 def second_derivatives(
@@ -108,32 +121,42 @@ def second_derivatives(
     multipliers: Float[Any, "count *nodes"],
     ratio: Float[Any, "count *nodes"],
     a: Float[Any, "*nodes"],
-) -> Float[Any, "orders orders *nodes"]:
+    p: Products | None = None,
+) -> Float[Any, "entries *nodes"]:
     """Return Σ multiplier·(second derivatives) + ratio·gradient·gradientᵀ; `a` > 0, and `slope` are the gradients.
 
-    The derivatives are with respect to v = (a, a', a''), where a = u̇². The jerk constraint is |y|² ≤ 1, y = √a·w, with
-    w linear in v. Replacing 1/√a by its tangent leaves the second derivatives 2YᵀY, where Y is the Jacobian of y.
+    The derivatives are with respect to v = (a, a', a''), where a = u̇²; the entries are those of the lower triangles of
+    symmetric matrices, row by row. The jerk constraint is |y|² ≤ 1, y = √a·w, with w linear in v. Replacing 1/√a by its
+    tangent leaves the second derivatives 2YᵀY, where Y is the Jacobian of y.
     """
-    found = np.einsum("ci...,cj...->ij...", ratio[:, None] * slope, slope)
-    count = c.forms.shape[0]
+    pairs, count = list(zip(*np.tril_indices(c.orders), strict=True)), len(c.forms)
+    found: Any = np.empty((len(pairs), *v.shape[1:]))
+    scaled = ratio[1:, None] * slope[1:]  # the first constraint depends on a only
+    for own, (i, j) in zip(found, pairs, strict=True):
+        np.einsum("c...,c...->...", scaled[:, i], slope[1:, j], out=own)
+    found[0] += ratio[0] * slope[0, 0] ** 2
     if c.bends is not None:
         rows = multipliers[1 + count : c.before_combined]
-        found[0, 0] += np.sum(rows * np.maximum(c.bends.values(v[0])[2], 0.0), axis=0)
+        found[0] += np.sum(rows * np.maximum(c.bends.values(v[0])[2], 0.0), axis=0)
     if c.combined is not None:
-        found[:2, :2] += multipliers[c.before_combined] * symmetric(np.stack(c.combined.second(v)))
-    found[:2, :2] += np.einsum("f...,fij...->ij...", 2 * multipliers[1 : 1 + count], c.forms)
+        found[:3] += multipliers[c.before_combined] * np.stack(c.combined.second(v))
+    for twice, form in zip(2 * multipliers[1 : 1 + count], c.forms, strict=True):
+        for own, (i, j) in zip(found, pairs[:3], strict=False):
+            own += twice * form[i, j]
     if c.jerk is not None:
         last = multipliers[c.before_jerk : c.before_formulas]
-        own = np.einsum("k...,ki...->i...", last, _products(np, c.jerk, v))
-        found += np.einsum("k...,kij...->ij...", 2 * last * v[0][None], c.jerk)
-        found[0] += own
-        found[:, 0] += own
-        found[0, 0] += np.einsum("i...,i...->...", own, v) / (2 * a)
+        known: Any = (products(c, v) if p is None else p).jerk
+        slopes = np.einsum("k...,ki...->i...", last, known)
+        for own, (i, j) in zip(found, pairs, strict=True):
+            own += np.einsum("k...,k...->...", 2 * last * v[0][None], c.jerk[:, i, j])
+            if j == 0:
+                own += slopes[i] if i else 2 * slopes[0] + np.einsum("i...,i...->...", slopes, v) / (2 * a)
     if c.formulas is not None:
-        own = c.formulas.second_derivatives(v, multipliers[c.before_formulas : c.before_road])
-        found[: len(own), : len(own)] += own
+        more = c.formulas.second_derivatives(v, multipliers[c.before_formulas : c.before_road])
+        for own, (i, j) in zip(found, pairs, strict=True):
+            own += more[i, j] if i < len(more) else 0.0
     if c.road is not None:
-        found[:2, :2] += symmetric(np.stack(road.second_derivatives(c.road, multipliers[c.before_road :])))
+        found[:3] += np.stack(road.second_derivatives(c.road, multipliers[c.before_road :]))
     return found
 
 
@@ -147,13 +170,14 @@ def weighted(slope: Gradients, weights: Float[Any, "count *nodes"]) -> Float[Any
     return namespace(slope, weights).einsum("ci...,c...->i...", slope, weights)
 
 
-def _squares(c: Constraints | Parts, v: Float[Any, "orders *nodes"]) -> list[Float[Any, "some *nodes"]]:
+def _squares(
+    c: Constraints | Parts, v: Float[Any, "orders *nodes"], p: Products | None = None
+) -> list[Float[Any, "some *nodes"]]:
     """Return the squares of the quantities of the forms, divided by their limits, and that of the jerk."""
     xp = namespace(v, c.upper)
-    forms = xp.einsum("fi...,i...->f...", _products(xp, c.forms, v), v[:2])
-    if c.jerk is None:
-        return [forms]
-    return [forms, v[0][None] * xp.einsum("ki...,i...->k...", _products(xp, c.jerk, v), v)]
+    of_forms, of_jerk = products(c, v) if p is None else p
+    forms = xp.einsum("fi...,i...->f...", of_forms, v[:2])
+    return [forms] if of_jerk is None else [forms, v[0][None] * xp.einsum("ki...,i...->k...", of_jerk, v)]
 
 
 def _of_sides(c: Constraints | Parts, v: Float[Any, "orders *nodes"]) -> Float[Any, "sides *nodes"]:

@@ -24,25 +24,19 @@ import numpy as np
 from jaxtyping import Float
 
 from qtraj.design.ellipse import OfSpeed
-from qtraj.design.one_sided import scale_and_shift
-from qtraj.design.timing import forms, road
-from qtraj.design.timing.by_speed import Combined, Curve, combined_of, largest_squares, side_by_speed, stacked
+from qtraj.design.timing import road
+from qtraj.design.timing.by_speed import Combined, Curve, combined_of, stacked
 from qtraj.design.timing.formula_limits import is_formula, own_names
 from qtraj.design.timing.formulas import Formulas, formulas_of
+from qtraj.design.timing.node_limits import FORMS, UPPER, AtNodes, of_forms, of_jerk, of_sides, of_upper
 from qtraj.design.timing.road import LOADS, ON_ROAD, POWER_SIDES, ROAD, Road
-from qtraj.design.timing.sided import RATES, SIDED, SIDES_OF_RATES, SLOWEST, row
+from qtraj.design.timing.sided import SIDED, SLOWEST
 from qtraj.foundation.namespace import namespace
 from qtraj.foundation.types import Scalar
 from qtraj.path.components import dot
-from qtraj.path.frenet import Invariants, yaw
+from qtraj.path.pieces import BLOCK_SIZE
 from qtraj.path.quantity import COMBINED, quantity
 from qtraj.path.road_parameters import RoadParameters
-
-UPPER = ("speed", "lateral_acceleration", *RATES, *SIDES_OF_RATES, "angular_rate")
-"""Limits that are upper bounds on a = u̇²."""
-
-FORMS = ("longitudinal_acceleration", "yaw_acceleration", "vertical_acceleration", "acceleration")
-"""Limits on quantities whose squares are quadratic forms in a = u̇² and a' = da/du."""
 
 NAMES = (*UPPER, *FORMS, *SIDED, COMBINED, "jerk", *POWER_SIDES, *ROAD)
 """Limits that depend on the timing. Arrays have this order, and omit absent limits; those on own quantities follow."""
@@ -54,9 +48,6 @@ Friction, power and the load have no such exponent, because gravity does not dep
 none.
 """
 POWERS[COMBINED] = 1.0
-
-BLOCK_SIZE = 4096
-"""Number of nodes whose constraints are computed together: their data fit into the cache of the processor."""
 
 STANDING = 1e-8
 """|r'| below this fraction of its maximum is treated as zero, and so is |r''| there."""
@@ -185,109 +176,32 @@ def parts(
 def _at_nodes(
     r: Float[Any, "3 3 *nodes"],
     unit: Scalar,
-    bounds: dict[str, Any],
+    given: dict[str, Any],
     vehicle: RoadParameters | None,
     before_stop: Any,
     still: tuple[Any, ...],
 ) -> Parts:
     """Compute the constraints at some of the nodes; up to `still`, the values of |r'|² and |r''|² count as zero."""
-    given = bounds
-    by_speed: dict[str, Any] = {name: x for name, x in bounds.items() if isinstance(x, OfSpeed)}
-    bounds = {name: x for name, x in bounds.items() if name not in by_speed}
+    by_speed: dict[str, Any] = {name: x for name, x in given.items() if isinstance(x, OfSpeed)}
+    bounds = {name: x for name, x in given.items() if name not in by_speed}
     xp = namespace(r, unit, *bounds.values(), *(() if vehicle is None else vehicle.numbers))
-    r1, r2, r3 = (tuple(x) for x in r)
-    i = Invariants([None, r1, r2, r3])
-    moving, half = still[0] < i.S, 0.5 / unit
-    inv_speed = _inverse_root(xp.where(moving, i.S, 0.0))
-    ahead, inv_ahead, has_direction = r1, inv_speed, moving
-    if xp is not np or not moving.all():
-        # Where r' = 0, use the direction of r'', in which the motion starts, or against which it ends.
-        ahead = tuple(xp.where(moving, p, xp.where(before_stop, -q, q)) for p, q in zip(r1, r2, strict=True))
-        inv_ahead, has_direction = _inverse_root(dot(ahead, ahead)), dot(ahead, ahead) > 0
-    along = dot(ahead, r2) * inv_ahead, half * i.v
-    load, on_road = (0.0 * i.S, 0.0 * i.S), None
+    at = AtNodes(r, unit, before_stop, still[0], xp)
+    load: tuple[Any, Any] = (0.0 * at.i.S, 0.0 * at.i.S)
+    on_road = None
     if vehicle is not None:
-        direction = xp.stack(ahead) * inv_ahead[None]
-        on_road = road.coefficients(direction, r2, i.v, half, vehicle, bounds)
-        load = road.normal_load(direction, r2, vehicle) if set(LOADS) & set(bounds) else load
-
-    @functools.cache
-    def turning() -> tuple[Any, Any]:
-        rate, growth = yaw(i, inv_speed, _inverse_root(xp.where(moving, i.H, 0.0)))
-        return growth, half * rate
-
-    def climbing() -> tuple[Any, Any]:
-        return i.W, half * i.V
-
-    squared = [lambda x=x: forms.square(*x()) for x in (lambda: along, turning, climbing)]
-    each = dict(zip(FORMS, [*squared, lambda: forms.squared_norm(i, half)], strict=True))
-    own = [xp.stack(each[name]()) / bounds[name] ** 2 for name in FORMS if name in bounds]
-    scaled = _stacked([forms.symmetric(x) for x in own], (2, 2), i.S)
-    loaded = lambda: (load[1], 0.0 * i.S)  # noqa: E731
-    rates = lambda: (i.S, 0.0 * i.S), *2 * [lambda: along], *2 * [turning], *2 * [climbing], *3 * [loaded]
-    # Where r' = 0, the acceleration of the yaw is unknown, and that along the path and the load without r'', too.
-    known: list[Any] = [moving, *2 * [has_direction], *2 * [moving], *2 * [i.S >= 0], *3 * [has_direction]]
-    rows, curves = [], []
-    for name, value, there in zip(SIDED, rates, known, strict=True):
-        if name in by_speed:
-            affine, curve = side_by_speed(by_speed[name], quantity(name).side, value(), i.v)
-            curves.append(curve.scaled(there))
-        elif name in bounds:
-            affine = row(name, value(), bounds, load[0] if name in LOADS else 0.0)
-            curves.append(None)
-        else:
-            continue
-        rows.append(xp.where(there[None], xp.stack(affine), 0.0))
-    jerk, second = None, half / unit
-    if "jerk" in bounds:
-        level = i.J, 3 * half * dot(r2, r3), 9 * half * half * i.A
-        entries = xp.stack([*level, second * i.C, 3 * half * second * i.B, second**2 * i.S])
-        jerk = forms.symmetric(entries / bounds["jerk"] ** 2)[None]
-    more: dict[str, Any] = {"bends": stacked(curves, i.v)}
-    lateral: list[Any] = []
-    if by_speed:
-        across = _across(i, moving)
-        lateral = [largest_squares(x, across, i.v) for name, x in by_speed.items() if name in UPPER]
-        more["combined"] = combined_of(by_speed[COMBINED], along, across, i.v) if COMBINED in by_speed else None
-    upper = [_upper(name, i, bounds, moving) if name in bounds else lateral[0] for name in UPPER if name in given]
-    if any(map(is_formula, given)):
-        more["formulas"] = formulas_of(r, ahead, unit, given, vehicle)
-    found = Parts(_stacked(upper, (), i.S), scaled, _stacked(rows, (3,), i.S), jerk, **more)
-    if on_road is None:
-        return found
-    # Where r' and r'' vanish, the direction of motion is unknown, so omit friction and power there.
-    return found._replace(road=road.without(on_road, ~moving & (dot(r2, r2) <= still[1])))
-
-
-def _stacked(rows: list[Any], shape: tuple[int, ...], like: Float[Any, "*nodes"]) -> Any:
-    """Return the rows as one array; each row has the axes `shape` before those of `like`."""
-    xp = namespace(like, *rows)
-    return xp.stack(rows) if rows else xp.zeros((0, *shape, *like.shape), like.dtype)
-
-
-def _upper(name: str, i: Any, bounds: dict[str, Scalar], moving: Any) -> Any:
-    """Return 1/a for the largest a = u̇² that satisfies the limit; the quantity is proportional to √a^`per_time`."""
-    given, bound = quantity(name), bounds[name]
-    entry = quantity(given.base) if given.base else given
-    xp, square = namespace(moving, bound, i.S), entry.numerator(i)
-    if given.base:  # negative on the other side
-        square, bound = square * xp.sign(given.side * given.numerator(i)), scale_and_shift(name, bounds)[0]
-    if entry.denominator is not None:
-        # Where the divisor is zero, the path is straight or vertical, and the numerator is zero, too.
-        divisor = entry.denominator(i)
-        square = xp.where(divisor > 0, square / xp.where(divisor > 0, divisor, 1.0), 0.0)
-    square = xp.where(moving, square, 0.0) / bound / bound  # the square of an infinite bound has no derivative
-    if entry.per_time == 1:
-        return square
-    return xp.where(square > 0, xp.sqrt(xp.where(square > 0, square, 1.0)), 0.0)
-
-
-def _across(i: Any, moving: Any) -> Any:
-    """Return the coefficient of a in the lateral acceleration."""
-    xp = namespace(moving, i.S)
-    return xp.where(moving, xp.sqrt(i.N / xp.where(i.S > 0, i.S, 1.0)), 0.0)
-
-
-def _inverse_root(x: Any) -> Any:
-    xp = namespace(x)
-    return xp.where(x > 0, 1 / xp.sqrt(xp.where(x > 0, x, 1.0)), 0.0)
+        direction = xp.stack(at.ahead) * at.inv_ahead[None]
+        # Where r' and r'' vanish, the direction of motion is unknown, so omit friction and power there.
+        known = road.coefficients(direction, at.r2, at.i.v, at.half, vehicle, bounds)
+        on_road = road.without(known, ~at.moving & (dot(at.r2, at.r2) <= still[1]))
+        load = road.normal_load(direction, at.r2, vehicle) if set(LOADS) & set(bounds) else load
+    sides, curves = of_sides(at, bounds, by_speed, load)
+    return Parts(
+        of_upper(at, bounds, by_speed),
+        of_forms(at, bounds),
+        sides,
+        of_jerk(at, bounds, at.half / unit),
+        on_road,
+        stacked(curves, at.i.v),
+        combined_of(by_speed[COMBINED], at.along, at.across, at.i.v) if COMBINED in by_speed else None,
+        formulas_of(r, at.ahead, unit, given, vehicle) if any(map(is_formula, given)) else None,
+    )

@@ -16,8 +16,16 @@ from jaxtyping import Float
 from qtraj.design.solve import refinement
 from qtraj.design.solve.band import Factored, factor, solve as solve_band
 from qtraj.design.solve.convex import PerProblem, longest
-from qtraj.design.timing.constraint_values import changes, gradients, second_derivatives, values, weighted
+from qtraj.design.timing.constraint_values import (
+    changes,
+    gradients,
+    products,
+    second_derivatives,
+    values,
+    weighted,
+)
 from qtraj.design.timing.constraints import Constraints
+from qtraj.design.timing.forms import symmetric
 from qtraj.design.timing.seam import folded, order, repeated
 from qtraj.design.timing.spline import Nodes, at_nodes, gathered, gathered_band
 from qtraj.foundation.namespace import namespace
@@ -76,10 +84,11 @@ class _Linear:
         self.inverse = 1 / self.a
         pace = p.weights * np.sqrt(self.inverse)
         self.objective = _durations(pace)
-        self.values, self.slope = values(p.constraints, self.v), gradients(p.constraints, self.v)
+        known = products(p.constraints, self.v)
+        self.values, self.slope = (f(p.constraints, self.v, known) for f in (values, gradients))
         self.of_objective = -0.5 * pace * self.inverse
-        self.curvature = second_derivatives(p.constraints, self.slope, self.v, multipliers, ratio, self.a)
-        self.curvature[0, 0] += 0.75 * pace * self.inverse * self.inverse
+        self.curvature = second_derivatives(p.constraints, self.slope, self.v, multipliers, ratio, self.a, known)
+        self.curvature[0] += 0.75 * pace * self.inverse * self.inverse
         self.band = factored(p.nodes, self.curvature)
 
     def gradient(self, weights: PerNode) -> Coefficients:
@@ -94,8 +103,10 @@ class _Linear:
         if p.constraints.orders == 2 or p.nodes.seam:  # the coefficients of a lap repeat
             return factors(right)
 
+        matrix = symmetric(self.curvature)
+
         def product(x: np.ndarray) -> np.ndarray:
-            at = np.einsum("ij...,j...->i...", self.curvature, p.at_nodes(x))
+            at = np.einsum("ij...,j...->i...", matrix, p.at_nodes(x))
             return gathered(p.nodes, at) * p.nodes.free
 
         return refinement.solve(product, factors, right)
@@ -118,8 +129,8 @@ class _Move:
 
     def longest(self) -> PerProblem:
         """Return the largest part of the change with a ≥ 0 at all nodes."""
-        standing = self.at.program.nodes.standing > 0
-        return longest(self.at.inverse[None], np.where(standing, 0.0, self.dv[0])[None])
+        fall = -np.where(self.at.program.nodes.standing > 0, 0.0, self.dv[0]) * self.at.inverse
+        return longest(fall.max(axis=(1, 2)))
 
 
 def _positive(p: Program, v: Float[Any, "orders *batch 2 cells+1"]) -> Float[Any, "*batch 2 cells+1"]:
@@ -142,8 +153,11 @@ class _Scaled(NamedTuple):
     lap: bool = False
 
 
-def factored(n: Nodes, curvature: Float[Any, "orders orders batch 2 cells+1"]) -> _Scaled:
-    """Factorise the band matrices of the second derivatives `curvature` at the nodes; those of a lap are cyclic."""
+def factored(n: Nodes, curvature: Float[Any, "entries batch 2 cells+1"]) -> _Scaled:
+    """Factorise the band matrices of the second derivatives `curvature` at the nodes; those of a lap are cyclic.
+
+    `curvature` are the entries of the lower triangles of the matrices at the nodes.
+    """
     own, *below = gathered_band(n, curvature)
     if n.seam:
         rows = folded((own, *below))

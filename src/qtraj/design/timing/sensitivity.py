@@ -100,7 +100,7 @@ def _solved(nodes: Nodes, matrix: Float[Any, "orders orders 2 cells+1"], right: 
 
     def solve(nodes: Nodes, matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
         own = Nodes(*(x[0] for x in nodes))
-        return solved(factored(own, np.moveaxis(matrix, 0, 2)), right) * own.free
+        return solved(factored(own, np.moveaxis(matrix, 0, 2)[np.tril_indices(matrix.shape[1])]), right) * own.free
 
     return on_host(solve, jax.ShapeDtypeStruct(right.shape, right.dtype), nodes, matrix, right)
 

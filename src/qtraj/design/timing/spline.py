@@ -217,9 +217,6 @@ PAIRS = np.array([(k, k - d) for d in range(DEGREE + 1) for k in range(d, DEGREE
 FIRST_PAIRS = [0, 4, 7, 9, 10]
 """The first pair of each diagonal, and the number of all pairs."""
 
-TRIANGLES = {n: np.tril_indices(n) for n in (2, 3)}
-"""The indices of the lower triangles of matrices with n rows."""
-
 
 def products(basis: Float[Any, "orders 4 2 cells+1"]) -> Float[Any, "entries pairs 2 cells+1"]:
     """Return the table of `gathered_band`: products of two values of the basis, for each pair of coefficients.
@@ -232,14 +229,13 @@ def products(basis: Float[Any, "orders 4 2 cells+1"]) -> Float[Any, "entries pai
 
 
 def gathered_band(
-    n: Nodes, matrix: Float[Any, "orders orders *batch 2 cells+1"]
+    n: Nodes, entries: Float[Any, "entries *batch 2 cells+1"]
 ) -> tuple[Float[Any, "*batch cells+3"], ...]:
     """Convert second derivatives at the nodes to second derivatives with respect to the coefficients (see `gathered`).
 
-    `matrix` are the symmetric matrices at the nodes. Any d of the result contains the entries (i, i − d) of the matrix
-    for the coefficients.
+    `entries` are those of the lower triangles of the matrices at the nodes, row by row. Any d of the result contains
+    the entries (i, i − d) of the matrix for the coefficients.
     """
-    entries = matrix[TRIANGLES[len(matrix)]]
     found = np.einsum("eqmn,e...mn->q...n", n.pairs[: len(entries)], entries)
     parts = itertools.pairwise(FIRST_PAIRS)
     return tuple(_overlapped(found[first:end], range(d, DEGREE + 1)) for d, (first, end) in enumerate(parts))
