@@ -132,7 +132,10 @@ def test_limits_on_own_quantities_are_proved_like_the_equal_built_in_ones(index,
     fast = random_limit(path, "speed", kind, rng)
     pull = qt.Along([0.0, 0.4 * length], [2.3, 2.1], kind)
     for factor, status in ((1.001, "proved"), (0.7, "broken")):
-        bounds = {"speed": fast.scaled(factor), "longitudinal_acceleration": (pull.scaled(-factor), pull.scaled(factor))}
+        bounds = {
+            "speed": fast.scaled(factor),
+            "longitudinal_acceleration": (pull.scaled(-factor), pull.scaled(factor)),
+        }
         given: Any = bounds
         found = qt.certify(path, qt.Limits(own={OWN[name]: bound for name, bound in bounds.items()}))
         same = qt.certify(path, qt.Limits(**given))

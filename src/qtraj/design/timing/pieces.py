@@ -67,7 +67,8 @@ class Pieces(NamedTuple):
 def proved_in_pieces(limited: Limited, polynomials: Source) -> tuple[Limited, Codes]:
     """Return the path with its cells divided where necessary, and the status of each limit on each piece.
 
-    The statuses have the order of `all_names`. The path and the limits have concrete values. BROKEN refers to limits that are constant on the piece.
+    The statuses have the order of `all_names`. The path and the limits have concrete values. BROKEN refers to limits
+    that are constant on the piece.
     """
     problem = _Problem(limited, polynomials)
     index_of = problem.index_of
