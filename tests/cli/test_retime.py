@@ -129,6 +129,7 @@ def test_a_saved_path_is_retimed_and_its_shape_is_checked(qtraj, default, tmp_pa
         (["--limit", "speed"], "--limit needs NAME=VALUE, such as speed=13.9, but 'speed' was given"),
         (["--limit", "speed=3", "--limit", "speed=4"], "--limit speed was given more than once"),
         (["--limit", "spead=3"], "unknown limit 'spead'; did you mean 'speed'?"),
+        (["--limit", "climb=-2:3"], "[[limits.own]]"),
         (["--limit", "speed=-3"], "--limit speed must be positive and finite, but -3 was given"),
         (["--limit", "friction=0.5"], "limits.friction needs a vehicle: add a table [vehicle] with the mass"),
         (["--knots", 100], "power of two"),

@@ -118,6 +118,43 @@ def test_several_limits_may_change_and_others_remain():
     }
 
 
+OWN = {
+    "speed": qt.Quantity("own_speed", "m/s", lambda p: p.speed),
+    "longitudinal_acceleration": qt.Quantity("pull", "m/s^2", lambda p: p.velocity.dot(p.acceleration) / p.speed),
+}
+
+
+@pytest.mark.parametrize("kind", ["step", "linear"])
+@pytest.mark.parametrize("index", [0, 1])
+def test_limits_on_own_quantities_are_proved_like_the_equal_built_in_ones(index, kind):
+    path, rng = retimed(index), np.random.default_rng(index)
+    length = float(path.length())
+    fast = random_limit(path, "speed", kind, rng)
+    pull = qt.Along([0.0, 0.4 * length], [2.3, 2.1], kind)
+    for factor, status in ((1.001, "proved"), (0.7, "broken")):
+        bounds = {
+            "speed": fast.scaled(factor),
+            "longitudinal_acceleration": (pull.scaled(-factor), pull.scaled(factor)),
+        }
+        given: Any = bounds
+        found = qt.certify(path, qt.Limits(own={OWN[name]: bound for name, bound in bounds.items()}))
+        same = qt.certify(path, qt.Limits(**given))
+        assert list(found.status.values()) == list(same.status.values())
+        assert set(found.status) == {"own_speed", "pull_min", "pull_max"}
+        assert status in found.status.values()
+        assert found.holds == (status == "proved")
+        np.testing.assert_allclose(found.values, same.values, rtol=1e-6)
+
+
+def test_an_own_quantity_may_change_beside_a_constant_one_and_built_in_ones():
+    """Statuses keep their rows when only some of the limits are judged again in halved cells."""
+    path, rng = retimed(1), np.random.default_rng(1)
+    fast = random_limit(path, "speed", "step", rng)
+    own: Any = {OWN["longitudinal_acceleration"]: 1.0, OWN["speed"]: fast.scaled(1.001)}
+    found = qt.certify(path, qt.Limits(speed=fast.scaled(0.99), acceleration=9.0, own=own))
+    assert found.status == {"speed": "broken", "acceleration": "proved", "pull": "broken", "own_speed": "proved"}
+
+
 def test_steps_without_a_limit():
     path = retimed(3)
     s, values = sampled(path, "speed")

@@ -147,3 +147,32 @@ def test_tracks_without_widths_or_with_narrow_ones_are_refused():
         qt.tune_route(bare, RACE)
     with pytest.raises(ValueError, match=r"too narrow.*tube=shape\.widths - 0\.5"):
         qt.tune_route(circle(right=0.9, left=0.9), RACE)
+
+
+def square(x, y, half):
+    return [(x - half, y - half), (x + half, y - half), (x + half, y + half), (x - half, y + half)]
+
+
+@pytest.mark.parametrize(
+    ("joints", "half"),
+    [
+        (6, 7.0),
+        pytest.param(8, 7.0, marks=pytest.mark.slow),
+        pytest.param(8, 12.0, marks=pytest.mark.slow),
+    ],
+)
+def test_a_region_that_begins_inside_a_segment(joints, half):
+    """The stricter value on the whole segments would contradict the speed at the start, which is fixed."""
+    x = np.linspace(0.0, 120.0, joints)
+    shape = qt.Shape.through(np.stack([x, 10 * np.sin(x / 25), 0 * x], axis=1))
+    region = qt.Regions([(square(50.0, 8.0, half), 5.0)], outside=15.0)
+    limits = qt.Limits(speed=region, longitudinal_acceleration=(-4.0, 2.0), lateral_acceleration=3.0)
+    best = qt.tune_route(shape, limits, 1.0)
+    assert best.certificate.holds
+    t = np.linspace(0.0, float(best.path.duration), 4001)
+    table = qt.evaluate(best.path, t, ["position", "speed"])
+    inside = (np.abs(table.position[:, :2] - np.array([50.0, 8.0])) < half).all(axis=1)
+    speed = np.asarray(table.speed)
+    assert inside.any()
+    assert speed[inside].max() <= 5.0
+    assert speed[~inside].max() > 10.0  # only near the region is the route slow

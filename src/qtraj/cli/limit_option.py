@@ -50,7 +50,10 @@ def limits(texts: list[str] | None) -> "dict[str, Number | Along | BySpeed | Lim
                 "table [limits] of a scenario"
             )
         if name not in QUANTITIES:
-            raise ValueError(f"--limit: unknown limit {name!r}; {suggestion(name, list(QUANTITIES), 'limits')}")
+            raise ValueError(
+                f"--limit: unknown limit {name!r}; {suggestion(name, list(QUANTITIES), 'limits')}. Own quantities and "
+                "obstacles need more than a number: write [[limits.own]] and [[limits.keep_out]] in a scenario"
+            )
         found[name] = _value(name, value, text)
     return found
 

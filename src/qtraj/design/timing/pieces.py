@@ -6,6 +6,7 @@ although the limit is satisfied. Such cells are halved until the polynomials are
 violates the limit itself.
 """
 
+from collections.abc import Collection
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 
 from qtraj.design.limit_curves import curves
 from qtraj.design.proof.certificate import BROKEN, PROVED, UNDECIDED
-from qtraj.design.timing.constraints import NAMES
+from qtraj.design.timing.constraints import all_names
 from qtraj.design.timing.grid import Grid
 from qtraj.design.timing.proof import prove
 from qtraj.design.timing.retimed_cells import Cells
@@ -64,11 +65,13 @@ class Pieces(NamedTuple):
 
 
 def proved_in_pieces(limited: Limited, polynomials: Source) -> tuple[Limited, Codes]:
-    """Return the path with its cells divided where necessary, and the status of each limit of `NAMES` on each piece.
+    """Return the path with its cells divided where necessary, and the status of each limit on each piece.
 
-    The path and the limits have concrete values. BROKEN refers to limits that are constant on the piece.
+    The statuses have the order of `all_names`. The path and the limits have concrete values. BROKEN refers to limits
+    that are constant on the piece.
     """
     problem = _Problem(limited, polynomials)
+    index_of = problem.index_of
     count = limited.cells.columns.size
     pieces = Pieces(np.arange(count), np.zeros(count), np.ones(count))
     codes, rough = problem.judged(pieces, tuple(limited.bounds))
@@ -77,18 +80,18 @@ def proved_in_pieces(limited: Limited, polynomials: Source) -> tuple[Limited, Co
         if k >= HALVINGS and unproved.any():
             unproved &= problem.at_steps(pieces)
         for name in problem.changing:
-            row = unproved[NAMES.index(name)]
+            row = unproved[index_of[name]]
             row &= not problem.violated(pieces.part(row), name)
         chosen = unproved.any(axis=0)
         if not chosen.any() or chosen.size > MOST:
             break
         pieces, index = pieces.halved(chosen)
         codes, rough = codes[:, index], rough[:, index]
-        names = tuple(name for name in problem.changing if unproved[NAMES.index(name)].any())
+        names = tuple(name for name in problem.changing if unproved[index_of[name]].any())
         new = chosen[index]
         found = problem.judged(pieces.part(new), names)
         for name in names:
-            row, again = NAMES.index(name), unproved[NAMES.index(name), index]
+            row, again = index_of[name], unproved[index_of[name], index]
             codes[row, again], rough[row, again] = (x[row, again[new]] for x in found)
     codes = np.where(rough & (codes == BROKEN), UNDECIDED, codes)
     return (limited if codes.shape[1] == count else _divided(limited, pieces)), codes
@@ -103,6 +106,7 @@ class _Problem:
         self.changing = tuple(
             name for name, x in limited.bounds.items() if isinstance(x, Varying) or (self._on_road and name in ON_ROAD)
         )
+        self.index_of = {name: k for k, name in enumerate(all_names(limited.bounds))}
         timing, columns = limited.path.timing, limited.cells.columns
         self._powers = np.asarray(timing.coefficients)[columns]
         self._rest = np.zeros((2, columns.size), bool)
@@ -112,36 +116,44 @@ class _Problem:
         """Return the status of the limits `names` on pieces, and where a limit that changes is not close."""
         low, high = (_parameters(self._limited, pieces.cell, x) for x in pieces[1:])
         grid, place = pieces.of(self._limited.cells.grid), np.stack([pieces.start, pieces.end])
-        bounds, rough = {}, np.zeros((len(NAMES), pieces.cell.size), bool)
+        bounds, rough = {}, np.zeros((len(self.index_of), pieces.cell.size), bool)
         stricter = rough.copy()  # the polynomial may be violated although the limit is satisfied
         for name in names:
             bounds[name] = bound = self._limited.bounds[name]
             if isinstance(bound, Varying):
                 if bound.along.kind == "linear":
-                    bounds[name], rest, rough[NAMES.index(name)] = curves(bound, low, high)
+                    bounds[name], rest, rough[self.index_of[name]] = curves(bound, low, high)
                 else:
                     bounds[name], rest = bound.approximated(low, high)
-                    rough[NAMES.index(name)] = rest > ACCURATE * np.abs(bounds[name]).max(axis=1)
-                stricter[NAMES.index(name)] = rest > 0
+                    rough[self.index_of[name]] = rest > ACCURATE * np.abs(bounds[name]).max(axis=1)
+                stricter[self.index_of[name]] = rest > 0
         timing = self._powers[pieces.cell], self._rest[:, pieces.cell]
         vehicle: Any = self._limited.vehicle
         if not self._on_road:
-            codes = np.array(prove(self._polynomials, grid, timing, bounds, vehicle, place).codes)
+            codes = self._rows(prove(self._polynomials, grid, timing, bounds, vehicle, place).codes, bounds)
             return np.where(stricter & (codes == BROKEN), UNDECIDED, codes), rough
-        codes, changes = prove_on_road(self._polynomials, grid, timing, bounds, vehicle, (low, high), place)
-        rough[[NAMES.index(name) for name in ON_ROAD if name in bounds]] |= changes
+        found, changes = prove_on_road(self._polynomials, grid, timing, bounds, vehicle, (low, high), place)
+        codes = self._rows(found, bounds)
+        rough[[self.index_of[name] for name in ON_ROAD if name in bounds]] |= changes
         return np.where(stricter & (codes == BROKEN), UNDECIDED, codes), rough
+
+    def _rows(self, codes: Codes, names: Collection[str]) -> Codes:
+        """Return the statuses of some limits, in the order of `all_names` of these, in the rows of all limits."""
+        codes = np.asarray(codes)
+        found = np.full((len(self.index_of), codes.shape[1]), UNDECIDED, codes.dtype)
+        found[[self.index_of[name] for name in all_names(names)]] = codes
+        return found
 
     def at_steps(self, pieces: Pieces) -> Bool[np.ndarray, "limits pieces"]:
         """Return the pieces with a step or a bend of a limit that are longer than the distance is uncertain."""
-        found = np.zeros((len(NAMES), pieces.cell.size), bool)
+        found = np.zeros((len(self.index_of), pieces.cell.size), bool)
         for name in self.changing:
             bound = self._limited.bounds[name]
             if isinstance(bound, Varying):
                 on, steps = bound.on, np.sort(bound.changes())
                 low, high = (on.at(_parameters(self._limited, pieces.cell, x)) for x in pieces[1:])
                 near = [np.searchsorted(steps, x) for x in (low - on.uncertainty, high + on.uncertainty)]
-                found[NAMES.index(name)] = (near[1] > near[0]) & (high - low > SHORT * on.uncertainty)
+                found[self.index_of[name]] = (near[1] > near[0]) & (high - low > SHORT * on.uncertainty)
         return found
 
     def violated(self, pieces: Pieces, name: str) -> bool:

@@ -128,7 +128,11 @@ def require_moving(
 
 
 def require_start_and_stop(bounds: Mapping[str, Any], speeds: tuple[Scalar | None, ...], stops: list[Any]) -> None:
-    """Raise an error if the vehicle rests where a limit by speed allows it neither to start nor to stop."""
+    """Raise an error if the vehicle rests somewhere, but limits do not allow this.
+
+    A limit by speed may not allow it to start or to stop, and a constant limit on an own quantity that is infinite at
+    rest allows neither.
+    """
     start, end = (None if v is None else concrete(v) for v in speeds)
     starts, ends = bool(stops) or (start is not None and start == 0), bool(stops) or (end is not None and end == 0)
     for name, needed, what in (

@@ -41,7 +41,7 @@ Certify = Callable[[AbstractHodograph, Limits], Certificate]
 def certify_retimed(path: RetimedPath, limits: Limits, certify: Certify) -> Certificate:
     """Return the certificate of a retimed path or a batch; `certify` certifies paths other than routes.
 
-    Limits on the timing and constant limits on own quantities are proved as in `retime`, and limits on the shape are
+    Limits on the timing, and those on own quantities, are proved as in `retime`, and limits on the shape are
     proved on the original path. All other limits are sampled. If the cells of the timing are not parts of a polynomial
     path, all limits are sampled.
     """
@@ -77,13 +77,14 @@ def certify_retimed(path: RetimedPath, limits: Limits, certify: Certify) -> Cert
 
 
 def _provable_own(path: RetimedPath, limits: Limits) -> list[str]:
-    """Return the names of the constant limits on own quantities that depend on the timing, as far as proofs support."""
+    """Return the names of the limits on own quantities that depend on the timing, as far as proofs support them."""
     changes = limits.vehicle is not None and limits.vehicle.on_changing_road
-    constant = set(limits.constant())
     return [
         name
-        for name in limits.given()
-        if name in constant and provable(name, path.path) and not (changes and quantity(name).uses_vehicle)
+        for name, bound in limits.given().items()
+        if provable(name, path.path)
+        and not isinstance(bound, OfSpeed)
+        and not (changes and quantity(name).uses_vehicle)
     ]
 
 

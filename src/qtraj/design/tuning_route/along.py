@@ -45,19 +45,22 @@ def typical_of(name: str, bound: Any) -> float:
 
 
 def local_squares(
-    route: Route, limits: Limits, curves: Curves, closed: bool, obstacles: int = 0
+    route: Route, limits: Limits, curves: Curves, closed: bool, obstacles: int = 0, whole: bool = False
 ) -> Float[np.ndarray, "limits fine n"]:
     """Return the squares of the limits at the fine nodes of each curve.
 
-    A step is the strictest one of the curve. The first node belongs to the previous curve, too; on a `closed` route,
-    the last curve is before the first one. Linear limits have their values, except on curves with a progress. The last
-    rows are those of constraints on `obstacles`.
+    Where steps change, a node has the strictest value up to its neighbours: those at which limits are imposed for a
+    node at which they are, so the stricter value begins before the step. Linear limits have their values. Steps if
+    `whole` is true, and both kinds on curves with a progress, whose nodes move more, have the strictest value of the
+    curve; the first node belongs to the previous curve, too, and on a `closed` route, the last curve is before the
+    first one. The last rows are those of constraints on `obstacles`.
     """
     limits = limits.on(route)
     segments, on = segments_of(route), distances(route)
     s = on.at(np.append(segments.starts, segments.end))
     u = segments.starts[:, None] + segments.durations[:, None] * basis.FINE_NODES
     at_nodes = on.at(u.ravel()).reshape(u.shape)[curves.first]
+    before, after = _neighbours(at_nodes)
     found = []
     for (name, bound), usual in zip(limits.given().items(), typical(limits), strict=True):
         side, sign, usual = quantity(name).side, _strictness(name), _tangent(name, usual)
@@ -70,11 +73,24 @@ def local_squares(
         rows = np.repeat(own[None], len(basis.FINE_NODES), axis=0)
         rows[0] = np.maximum(own, np.roll(own, 1) if closed else np.append(own[:1], own[:-1]))
         if bound.kind == "linear":
-            exact = sign * _tangent(name, bound.at(at_nodes.ravel())).reshape(at_nodes.shape).T ** 2
-            rows = np.where(curves.composed, rows, exact)
+            nearest = bound.at(at_nodes.ravel())
+        else:
+            nearest = bound.strictest(before.ravel() - on.uncertainty, after.ravel() + on.uncertainty, side)
+        nearest = _tangent(name, nearest)
+        nearest = sign * np.where(np.isinf(nearest), absent, nearest).reshape(at_nodes.shape).T ** 2
+        rows = np.where(curves.composed | (whole and bound.kind == "step"), rows, nearest)
         found.append(np.abs(rows))
     found += [np.ones(at_nodes.T.shape)] * obstacles
     return np.stack(found)
+
+
+def _neighbours(s: Float[np.ndarray, "n fine"]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the distances [m] at the neighbours of fine nodes, those of a node with limits at a whole cell from it."""
+    at, last = np.arange(s.shape[1]), s.shape[1] - 1
+    far = np.where(at % basis.FINER == 0, basis.FINER, 1)
+    before, after = s[:, np.maximum(at - far, 0)], s[:, np.minimum(at + far, last)]
+    before[1:, 0], after[:-1, last] = s[:-1, -1 - basis.FINER], s[1:, basis.FINER]
+    return before, after
 
 
 def _tangent(name: str, bounds: Any) -> Any:

@@ -60,7 +60,8 @@ SAFETY = 2e-5
 class Task(NamedTuple):
     """A route to tune, its parts, its limits, the half-widths `tube` (n + 1, 2) at the joints [m], and the problem.
 
-    `most` is the largest number of steps of a search. `convex`: see `Rules`.
+    `most` is the largest number of steps of a search. `convex`: see `Rules`. With `whole`, steps of limits that change
+    along the way have the strictest value of the curve.
     """
 
     route: Route
@@ -70,6 +71,7 @@ class Task(NamedTuple):
     problem: RouteProblem
     most: int
     convex: bool = False
+    whole: bool = False
 
 
 class Judged(NamedTuple):
@@ -229,8 +231,8 @@ def _solved(
         mu = float(np.clip(np.max(np.where(open_, above - 1, 0.0)), *AGAIN))
         factor = factor * np.where(open_, above, 1.0) ** -2
         if problem.local is not None:  # the distances have changed with the route
-            curves = task.given.curves
-            own = along.local_squares(judged.route, limits, curves, problem.seam is not None, len(problem.clear))
+            curves, closed = task.given.curves, problem.seam is not None
+            own = along.local_squares(judged.route, limits, curves, closed, len(problem.clear), task.whole)
             problem = problem._replace(local=along.stricter(problem, own))
             program = RouteProgram(problem, price)
         if limits.along_road:

@@ -97,9 +97,10 @@ def tune_route(
     on the whole lap, including the transition to the next lap.
 
     Limits may change along the way (`Along`), and limits on forces refer to a road that does (`Road`). While the route
-    changes, so do the distances: the limits of a segment are the strictest ones at the distances that it covers in the
-    last result, the bank and the friction at a node are those at its distance there, and `certify` checks the final
-    route on its own distances.
+    changes, so do the distances: the limits at a node are those at its distance in the last result, and where they
+    change in steps, the strictest ones from the previous to the next node. If that search fails, another one takes the
+    strictest ones of whole segments. The bank and the friction at a node are those at its distance in the last result,
+    and `certify` checks the final route on its own distances.
 
     Obstacles in `limits.keep_out` are avoided by the whole `body`. Where the given route enters obstacles, the search
     starts on both sides of each of two of them, and on the nearer side of others; the best result is returned. An
@@ -232,7 +233,12 @@ def _solution(
     if moving.any() and not undefined and not fits:
         begins = [*(around.starts(problem, own) if own else [None]), *many.begins(problem)]
         order = partial(rank, objective=objective)
-        found = rounds.solved(rounds.Task(route, given, limits, widths, problem, max_steps), begins, order)
+        task = rounds.Task(route, given, limits, widths, problem, max_steps)
+        found = rounds.solved(task, begins, order)
+        if problem.local is not None and (not found.proved or found.missed is not None):
+            local = along.local_squares(route, limits, given.curves, closed, len(own), whole=True)
+            stricter = task._replace(problem=problem._replace(local=local), whole=True)
+            found = min(found, rounds.solved(stricter, begins, order), key=order)
         found = no_worse(found, unchanged)
     advice = ""
     if found.missed is not None and found.proved and limits.varying:
