@@ -153,6 +153,19 @@ def test_limits_that_the_retiming_does_not_support_are_checked(qtraj, tmp_path):
     assert found["status"] == ["proved"] * 4 + ["undefined"]
 
 
+def test_limits_on_own_quantities_are_imposed(qtraj, tmp_path):
+    """On a straight line of 100 m, at 10 m/s in the recording."""
+    (tmp_path / "drive.csv").write_text("t,x,y,z\n" + "".join(f"{k / 10:.1f},{k},0,0\n" for k in range(101)))
+    scenario = tmp_path / "s.toml"
+    own = "[[limits.own]]\nname = 'ahead'\nunit = 'm/s'\nexpression = 'velocity[0]'\nlimit = 5\n"
+    scenario.write_text(f"[track]\nfile = 'drive.csv'\n[limits]\nspeed = 20\nlongitudinal_acceleration = 3\n{own}")
+    result = qtraj("retime", scenario, "--json", "--out", tmp_path / "out")
+    assert result.exit_code == 0
+    found = json.loads(result.stdout)
+    assert found["certificate"]["status"] == ["proved"] * 3
+    assert found["retimed"]["duration"] == pytest.approx(20.0, rel=1e-3)
+
+
 RECORDING = '[track]\nfile = "drive.csv"\n'
 
 

@@ -106,6 +106,16 @@ def test_other_runs_of_paths(run, name):
         np.testing.assert_allclose(dataset["duration"], 5 * np.pi / np.sqrt(10 * np.array([1.0, 2.0, 3.0])), rtol=2e-3)
 
 
+def test_retimings_have_own_limits_and_check_those_on_the_shape(run):
+    """The path is a quarter of a circle with a radius of 10 m."""
+    own = '[[limits.own]]\nname = "pace"\nunit = "m/s"\nexpression = "speed"\nlimit = 3.0\n'
+    swept = '[sweep]\nrun = "retime"\nlimits.curvature = {values = [0.05, 0.15]}\n'
+    code, _, dataset = run(f"{TURN}{own}{swept}")
+    assert code == 0
+    np.testing.assert_allclose(dataset["duration"], 5 * np.pi / 3, rtol=1e-3)
+    np.testing.assert_array_equal(dataset["holds"], [False, True])
+
+
 def test_a_recording_is_fitted_once_for_all_limits(run, monkeypatch):
     from qtraj.scenario import KINDS, path_parts
 

@@ -249,6 +249,10 @@ def test_limits_on_timing_and_on_shape():
     assert eqx.tree_equal(limits.on_timing().vehicle, bus)
     assert set(limits.on_shape().given()) == {"curvature", "slope"}
     assert limits.on_shape().vehicle is None
+    climb, ahead = qt.Quantity("climb", "m/s", "velocity[2]"), qt.Quantity("ahead", "1", "velocity[0] / speed")
+    own = qt.Limits(own={climb: (-1.0, 2.0), ahead: 0.9})
+    assert set(own.on_timing().given()) == {"climb_min", "climb_max"}
+    assert set(own.on_shape().given()) == {"ahead"}
 
 
 class Counted(qt.AbstractHodograph):

@@ -89,6 +89,7 @@ class Result(NamedTuple):
 
 def _retimed(loaded: "ScenarioFile[Any]", limits: dict[str, Any], chosen: dict[str, Any], watch: Watch) -> Result:
     from qtraj.design.speed_profile import speed_profile
+    from qtraj.design.timing.own_requirements import imposable
     from qtraj.design.timing.requirements import ACCELERATIONS
     from qtraj.design.timing.retime import retime
     from qtraj.design.whole_certificate import whole_certificate
@@ -112,7 +113,8 @@ def _retimed(loaded: "ScenarioFile[Any]", limits: dict[str, Any], chosen: dict[s
                 f"allow: consider a limit on {', '.join(ACCELERATIONS[:-1])} or {ACCELERATIONS[-1]}",
             )
         watch.say("retiming")
-        timed = retime(task.path if tuned is None else tuned.path, task.limits.on_timing(), **own | chosen)
+        path = task.path if tuned is None else tuned.path
+        timed = retime(path, imposable(path, task.limits), **own | chosen)
         watch.say("checking the limits")
         return Result(task, tuned, timed, whole_certificate(timed, task.limits), speed_profile(timed))
 

@@ -202,8 +202,9 @@ class Limits(eqx.Module):
         return {name: bound for name, bound in self.given().items() if not isinstance(bound, Variable)}
 
     def on_timing(self) -> Limits:
-        """Return the limits that `retime` supports; each of them depends on the timing of a path."""
-        return self.only(NAMES)
+        """Return the limits that depend on the timing of a path, of those that `retime` supports."""
+        own = [name for name in self.given() if isinstance(name, OwnName) and not quantity(name).of_shape]
+        return self.only([*NAMES, *own])
 
     def on_shape(self) -> Limits:
         """Return the limits on quantities that depend only on the shape of a path, such as the curvature."""

@@ -63,10 +63,17 @@ def evaluated(tasks: Sequence[PathTask], outputs: tuple[str, ...], reduce: str) 
 
 
 def retimed(tasks: Sequence[PathTask]) -> Outputs:
-    """Compute the fastest timing of the path of each task."""
-    from qtraj.design.timing.retime import retime
+    """Compute the fastest timing of the path of each task, and check all limits."""
+    return results.stacked([_retimed(task) for task in tasks])
 
-    return results.stacked([results.of_timing(retime(task.path, task.limits.on_timing())) for task in tasks])
+
+def _retimed(task: PathTask) -> Outputs:
+    from qtraj.design.timing.own_requirements import imposable
+    from qtraj.design.timing.retime import retime
+    from qtraj.design.whole_certificate import whole_certificate
+
+    timed = retime(task.path, imposable(task.path, task.limits))
+    return results.of_timing(timed, whole_certificate(timed, task.limits))
 
 
 def routed(tasks: Sequence[RouteTask]) -> Outputs:

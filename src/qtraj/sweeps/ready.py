@@ -218,7 +218,11 @@ def _each_route(problem: Any, points: Points, **options: Any) -> dict[str, Any]:
 def _each_timing(problem: Any, points: Points, **options: Any) -> dict[str, Any]:
     from qtraj.design.timing.retime import retime as retime_one
 
-    return _one_by_one(lambda point: results.of_timing(retime_one(*problem(point), **options)), points)
+    def timed(point: Point) -> results.Outputs:
+        found = retime_one(*problem(point), **options)
+        return results.of_timing(found, found.certificate)
+
+    return _one_by_one(timed, points)
 
 
 def _one_by_one(function: Callable[[Point], results.Outputs], points: Points) -> results.Outputs:

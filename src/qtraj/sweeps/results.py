@@ -71,11 +71,11 @@ def of_route(best: Any) -> Outputs:
     return {**found, **of_certificate(best.certificate), **of_codes(best.code)}
 
 
-def of_timing(timed: Any) -> Outputs:
-    """Return the outputs of a result of `retime`."""
+def of_timing(timed: Any, certificate: Any) -> Outputs:
+    """Return the outputs of a result of `retime`, with the certificate of all limits."""
     start, end = np.asarray(timed.speeds)
     found = {"duration": np.asarray(timed.duration), "start_speed": start, "end_speed": end}
-    return {**found, **of_certificate(timed.certificate), **of_codes(timed.code)}
+    return {**found, **of_certificate(certificate), **of_codes(timed.code)}
 
 
 def of_flights(angle: np.ndarray, command: np.ndarray, code: np.ndarray) -> Outputs:

@@ -2,8 +2,10 @@
 
 from typing import Any
 
+from qtraj.design.ellipse import OfSpeed
 from qtraj.design.limits import Limits
 from qtraj.design.own_limits import require_reduced
+from qtraj.design.timing.constraints import NAMES
 from qtraj.design.timing.formula_limits import is_formula
 from qtraj.foundation.arrays import is_traced
 from qtraj.path.hodograph import AbstractHodograph
@@ -12,6 +14,7 @@ from qtraj.path.own_name import OwnName
 from qtraj.path.path_quantity import PathQuantity
 from qtraj.path.quantity import quantity
 from qtraj.path.route import Route
+from qtraj.path.shape import Shape
 
 HIGHEST = 3
 """Order of the highest derivative of the motion that is a continuous function of a timing."""
@@ -48,6 +51,21 @@ def provable(name: str, path: AbstractHodograph) -> bool:
         return False
     world = entry.own.world and not has_world_axes(path)
     return not world and entry.order <= HIGHEST and not _contains_position(entry)
+
+
+def own_of_timing(path: AbstractHodograph, limits: Limits) -> list[str]:
+    """Return the names of the limits on own quantities that depend on the timing, as far as proofs support them."""
+    changes = limits.vehicle is not None and limits.vehicle.on_changing_road
+    return [
+        name
+        for name, bound in limits.given().items()
+        if provable(name, path) and not isinstance(bound, OfSpeed) and not (changes and quantity(name).uses_vehicle)
+    ]
+
+
+def imposable(path: AbstractHodograph | Shape, limits: Limits) -> Limits:
+    """Return the limits that `retime` can impose on a path, without those that no timing changes."""
+    return limits.only([*NAMES, *own_of_timing(path.route if isinstance(path, Shape) else path, limits)])
 
 
 def has_world_axes(path: AbstractHodograph) -> bool:

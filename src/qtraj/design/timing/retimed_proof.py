@@ -17,9 +17,9 @@ from qtraj.design.proof.envelope import differentiable
 from qtraj.design.proof.route import certify_route
 from qtraj.design.proof.varying import require_known
 from qtraj.design.timing import findings
-from qtraj.design.timing.constraints import all_names, uses_vehicle
+from qtraj.design.timing.constraints import NAMES, all_names, uses_vehicle
 from qtraj.design.timing.joints import jumps
-from qtraj.design.timing.own_requirements import provable
+from qtraj.design.timing.own_requirements import own_of_timing
 from qtraj.design.timing.pieces import proved_in_pieces
 from qtraj.design.timing.proof import prove
 from qtraj.design.timing.retimed_cells import ROUNDINGS, Cells, cells_of, divides_equally
@@ -30,7 +30,6 @@ from qtraj.design.timing.timing import RetimedPath
 from qtraj.design.varying import Varying, on_path, varies
 from qtraj.foundation.arrays import constants, is_traced
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.quantity import quantity
 from qtraj.path.road_parameters import RoadParameters
 from qtraj.path.route import Route
 from qtraj.path.vehicle_data import axes_of
@@ -56,8 +55,8 @@ def certify_retimed(path: RetimedPath, limits: Limits, certify: Certify) -> Cert
     cells = None if path.timing.coefficients.ndim != len(batch) + 2 else _provable(path)
     if cells is None or not given:
         return certify(path, limits)
-    of_timing, of_shape = limits.on_timing(), limits.on_shape()
-    own = limits.only(() if batch or is_traced(path, limits) else _provable_own(path, limits))
+    of_timing, of_shape = limits.only(NAMES), limits.on_shape()
+    own = limits.only(() if batch or is_traced(path, limits) else own_of_timing(path.path, limits))
     if isinstance(path.path, Route) and is_traced(limits):
         of_shape = limits.only(())
     found: list[Certificate] = []
@@ -74,18 +73,6 @@ def certify_retimed(path: RetimedPath, limits: Limits, certify: Certify) -> Cert
     if len(proved) < len(given):
         found.append(certify(path, limits.only([name for name in given if name not in proved])))
     return findings.joined(found, given)
-
-
-def _provable_own(path: RetimedPath, limits: Limits) -> list[str]:
-    """Return the names of the limits on own quantities that depend on the timing, as far as proofs support them."""
-    changes = limits.vehicle is not None and limits.vehicle.on_changing_road
-    return [
-        name
-        for name, bound in limits.given().items()
-        if provable(name, path.path)
-        and not isinstance(bound, OfSpeed)
-        and not (changes and quantity(name).uses_vehicle)
-    ]
 
 
 def _batched(function: Any, axes: Any, count: int) -> Any:

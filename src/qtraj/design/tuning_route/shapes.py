@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from qtraj.design.limits import Limits
 from qtraj.design.timing.outcome import Retimed
+from qtraj.design.timing.own_requirements import imposable
 from qtraj.design.timing.retime import retime
 from qtraj.foundation.arrays import concrete, constants, is_traced
 from qtraj.path.route import Route
@@ -84,7 +85,7 @@ def _timed(shape: Shape, limits: Limits) -> Route:
 
     **Raises:** ValueError inside jit or vmap, if the limits do not bound the speed, or if the timing fails.
     """
-    known = constants(limits.on_timing())
+    known = constants(imposable(shape, limits))
     if is_traced(known):
         raise ValueError(
             "tune_route needs concrete values: differentiate it with grad, jvp, jacfwd or jacrev, but call these "
