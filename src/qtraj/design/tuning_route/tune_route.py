@@ -9,24 +9,15 @@ import numpy as np
 
 from qtraj.design.limit_checks import require_known_road
 from qtraj.design.limits import Limits, limits_of, require_limits
-from qtraj.design.obstacles.clear import clears
 from qtraj.design.obstacles.keep_out import checked
 from qtraj.design.proof.certificate import UNDEFINED
-from qtraj.design.timing.speed_ratio import all_with_speed
-from qtraj.design.tuning_route import along, around, circuit, many_starts, roads, rounds, target
-from qtraj.design.tuning_route.arguments import (
-    fixed_states,
-    half_widths,
-    limited,
-    require_differentiable,
-    require_route,
-)
+from qtraj.design.tuning_route import around, many_starts, rounds, target
+from qtraj.design.tuning_route.arguments import limited, require_differentiable, require_route
 from qtraj.design.tuning_route.curves import largest_of
-from qtraj.design.tuning_route.problem import RouteProblem
+from qtraj.design.tuning_route.posed import Posed
 from qtraj.design.tuning_route.remedy import Change, remedy, unbounded_jumps
-from qtraj.design.tuning_route.scales import scales
 from qtraj.design.tuning_route.sensitivity import differentiable
-from qtraj.design.tuning_route.setup import Parts, parts, problem_of
+from qtraj.design.tuning_route.setup import Parts
 from qtraj.design.tuning_route.shapes import route_in_tube
 from qtraj.design.tuning_route.solution import Solution
 from qtraj.design.tuning_route.target import require_target
@@ -198,77 +189,66 @@ def _solution(
 ) -> Solution:
     """Return the result and the search behind it, for concrete arguments."""
     limited(limits, objective)
-    limits = checked(limits)
-    if closed:
-        circuit.require_closed(route)
-    given = parts(route, closed)
-    joints, rows = len(given.segments.starts) + 1, given.curves.joint_rows()
-    widths = half_widths(tube, joints, closed)[[own.start for own in rows]]
-    every = fixed_states(fixed, joints, closed)
-    held = np.stack([every[own].any(axis=0) for own in rows])
-    own = clears(limits.keep_out, limits.body)
-    around.require_possible(route, limits, held)
-    origin = np.asarray(route.origin, float)
-    names = (*names, *(x.name for x in own))
-    bounds = along.typical(limits)
-    road = roads.at_fine_nodes(route, limits, given)
-
-    def posed(bounds: np.ndarray, held: np.ndarray, objective: str, kept: bool) -> RouteProblem:
-        every = np.append(bounds, np.ones(len(own)))
-        problem = problem_of(given, names, every, widths, held, objective, kept, closed, road, origin)
-        problem = problem._replace(by_speed=all_with_speed(limits.given(), bounds))
-        return around.with_obstacles(problem, own, given.h)
-
-    problem = posed(bounds, held, objective, objective == "smoothest")
-    if along.changes(limits):
-        local = along.local_squares(route, limits, given.curves, closed, len(own))
-        problem = problem._replace(**scales(names, np.append(bounds, np.ones(len(own)))), local=local)
+    posed = Posed.of(route, checked(limits), names, tube, fixed, closed)
+    problem = posed.problem(objective)
     if nearest_to is not None:
-        problem = problem._replace(target=target.offset(route, given, problem.moving, nearest_to))
-    found = unchanged = _unchanged(route, given, limits, widths, problem)
+        problem = problem._replace(target=target.offset(route, posed.given, problem.moving, nearest_to))
+    task = posed.task(problem, max_steps)
+    found = unchanged = _unchanged(task)
     moving = problem.moving > 0
-    smooth = not np.any(problem.offset) and not _jumps(route, given)
     undefined = _undefined(found, moving)
-    fits = objective == "nearest" and nearest_to is None and smooth and found.proved
-    if moving.any() and not undefined and not fits:
-        begins = [*(around.starts(problem, own) if own else [None]), *many.begins(problem)]
-        order = partial(rank, objective=objective)
-        task = rounds.Task(route, given, limits, widths, problem, max_steps)
-        found = rounds.solved(task, begins, order)
-        if problem.local is not None and (not found.proved or found.missed is not None):
-            local = along.local_squares(route, limits, given.curves, closed, len(own), whole=True)
-            stricter = task._replace(problem=problem._replace(local=local), whole=True)
-            found = min(found, rounds.solved(stricter, begins, order), key=order)
-        found = no_worse(found, unchanged)
+    if moving.any() and not undefined and not _fits(task, found, objective, nearest_to):
+        begins = [*(around.starts(problem, posed.clear) if posed.clear else [None]), *many.begins(problem)]
+        found = no_worse(_searched(posed, task, begins, objective), unchanged)
+    advice = _advice(posed, task, found, objective)
+    code = ResultCode.limits_undefined if undefined else code_of(found, posed.names)
+    result = result_of(posed.given, problem, found, moving, objective, code, advice)
+    return Solution(result, found.problem, found.z, found.at, posed.given.curves)
+
+
+def _fits(task: rounds.Task, found: rounds.Found, objective: str, nearest_to: AbstractHodograph | None) -> bool:
+    """Return whether the given route is the solution, because it is smooth, within its limits and the nearest one."""
+    smooth = not np.any(task.problem.offset) and not _jumps(task.route, task.given)
+    return objective == "nearest" and nearest_to is None and smooth and found.proved
+
+
+def _searched(posed: Posed, task: rounds.Task, begins: list[Any], objective: str) -> rounds.Found:
+    """Return the best result of the searches, and if it violates steps of limits, of those on whole segments, too."""
+    order = partial(rank, objective=objective)
+    found = rounds.solved(task, begins, order)
+    if task.problem.local is None or (found.proved and found.missed is None):
+        return found
+    stricter = task._replace(problem=posed.with_local_limits(task.problem, whole=True), whole=True)
+    return min(found, rounds.solved(stricter, begins, order), key=order)
+
+
+def _advice(posed: Posed, task: rounds.Task, found: rounds.Found, objective: str) -> str:
+    """Return what helps if limits are missed, as far as it is known."""
     advice = ""
-    if found.missed is not None and found.proved and limits.varying:
-        advice = "Widen the tube, or relax the limits where they are violated."
-    elif found.missed is not None and found.proved and found.missed[len(bounds) : -2].any():
-        times = np.append(0.0, np.cumsum(given.stretch * given.h))
-        where = around.where_missed(problem, found.missed, times)
-        advice = (
-            f"The obstacles and the tube or other limits contradict each other: {where} of the given route. Widen the "
-            "tube there, move its ends, or relax the other limits."
-        )
-    elif found.missed is not None and found.proved:
-
-        def solves(change: Change) -> bool:
-            free = held.copy()
-            free[[0, -1]] &= not change.free_ends
-            values = np.array([*change.limits.values()])
-            changed = posed(values, free, change.objective, change.objective == "smoothest")
-            if change.objective == "nearest":
-                changed = changed._replace(target=problem.target)
-            raised = limits_of(change.limits, limits.vehicle, keep_out=limits.keep_out, body=limits.body)
-            return rounds.feasible(rounds.Task(route, given, raised, widths, changed, max_steps))
-
-        values = dict(zip(names[: len(bounds)], bounds.tolist(), strict=True))
-        advice = remedy(values, found, objective, bool(held[[0, -1]].any()), solves)
+    if found.missed is not None and found.proved:
+        if posed.limits.varying:
+            advice = "Widen the tube, or relax the limits where they are violated."
+        elif found.missed[len(posed.bounds) : -2].any():
+            where = around.where_missed(task.problem, found.missed, posed.times)
+            advice = (
+                f"The obstacles and the tube or other limits contradict each other: {where} of the given route. Widen "
+                "the tube there, move its ends, or relax the other limits."
+            )
+        else:
+            fixed_ends = bool(posed.held[[0, -1]].any())
+            advice = remedy(posed.numbers, found, objective, fixed_ends, partial(_helps, posed, task))
     if not found.proved or found.missed is not None:
-        advice = " ".join(x for x in (advice, unbounded_jumps(names, objective)) if x)
-    code = ResultCode.limits_undefined if undefined else code_of(found, names)
-    result = result_of(given, problem, found, moving, objective, code, advice)
-    return Solution(result, found.problem, found.z, found.at, given.curves)
+        advice = " ".join(x for x in (advice, unbounded_jumps(posed.names, objective)) if x)
+    return advice
+
+
+def _helps(posed: Posed, task: rounds.Task, change: Change) -> bool:
+    """Return whether there is a route that satisfies the limits after a change."""
+    problem = posed.changed(change)
+    if change.objective == "nearest":
+        problem = problem._replace(target=task.problem.target)
+    raised = limits_of(change.limits, posed.limits.vehicle, keep_out=posed.limits.keep_out, body=posed.limits.body)
+    return rounds.feasible(task._replace(limits=raised, problem=problem))
 
 
 def _undefined(found: rounds.Found, moving: np.ndarray) -> bool:
@@ -284,9 +264,9 @@ def _jumps(route: Route, given: Parts) -> bool:
     return bool(np.any(np.abs(np.asarray(route.jumps())) * step > CONTINUOUS * size))
 
 
-def _unchanged(route: Route, given: Parts, limits: Limits, tube: np.ndarray, problem: RouteProblem) -> rounds.Found:
+def _unchanged(task: rounds.Task) -> rounds.Found:
     """Return the given route unchanged, and whether it satisfies its limits and stays within its tube."""
-    z = np.zeros(problem.free.shape)
-    judged = rounds.judge(route, given, limits, tube, problem, z)
+    problem, z = task.problem, np.zeros(task.problem.free.shape)
+    judged = rounds.judge(task.route, task.given, task.limits, task.tube, problem, z)
     open_ = rounds.unproved(judged, problem.names, problem.moving > 0)
     return rounds.Found(z, judged, not open_.any(), 0, problem)
