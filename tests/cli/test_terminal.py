@@ -107,11 +107,12 @@ def test_a_log_has_a_line_every_few_seconds_and_none_for_short_computations(monk
     with watching() as watch:
         watch.say("reading")
     assert capsys.readouterr().err == ""
+    begun = time.monotonic()
     with watching() as watch:
         watch.tuning(Progress("searches", 3, 8))
         time.sleep(0.35)
     lines = capsys.readouterr().err.splitlines()
-    assert 1 <= len(lines) <= 3
+    assert 1 <= len(lines) <= (time.monotonic() - begun) / 0.1  # the sleep takes longer on a busy machine
     assert lines[0].startswith("tuning: 3 of 8 searches (")
 
 

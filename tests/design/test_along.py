@@ -6,6 +6,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import qtraj as qt
+from qtraj.design.tuning_route import rounds
 from qtraj.foundation import document
 from qtraj.io.dataset import path_dataset
 from qtraj.path.distances import distances
@@ -435,3 +436,15 @@ def test_a_limit_without_any_value_does_not_bound_a_timing(none):
     timed = qt.retime(route, limits, 0.0, 0.0)
     assert float(timed.duration) == pytest.approx(2 * np.sqrt(50.0), rel=1e-3)
     assert "speed not limited anywhere on the path: proved" in str(timed.certificate)
+
+
+@pytest.mark.parametrize(("kind", "searches"), [("linear", 1), ("step", 2)])
+def test_only_steps_are_imposed_on_whole_segments_after_a_failure(monkeypatch, kind, searches):
+    """The duration is fixed, so the speed cannot be halved."""
+    times = np.arange(4.0)
+    line = qt.Route(times, np.outer(10 * times, [1.0, 0.0, 0.0]), np.tile([10.0, 0.0, 0.0], (4, 1)), np.zeros((4, 3)))
+    calls, solved = [], rounds.solved
+    monkeypatch.setattr(rounds, "solved", lambda *x: calls.append(1) or solved(*x))
+    tuned = qt.tune_route(line, qt.Limits(speed=qt.Along([0.0, 14.0], [5.0, 4.0], kind)), 0.5)
+    assert not tuned.successful
+    assert len(calls) == searches

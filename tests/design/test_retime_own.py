@@ -214,10 +214,11 @@ def test_a_broken_shape_limit_is_the_result_above_a_note():
     assert found.certificate.status["keep_out[0]"] == "broken"
 
 
-def test_an_own_limit_along_the_way_is_sampled_on_another_timing():
-    limit = qt.Along([0.0, 20.0], [8.0, 9.0])
-    found = qt.certify(qt.retime(ROUTE, qt.Limits(speed=5.0, acceleration=1.0)).path, qt.Limits(own={FIRST: limit}))
-    assert found.status == {"a_own": "sampled"}
+@pytest.mark.parametrize(("limit", "status"), [(8.0, "proved"), (0.5, "broken")])
+def test_an_own_limit_along_the_way_is_decided_on_another_timing(limit, status):
+    along = qt.Along([0.0, 20.0], [limit, 9.0])
+    found = qt.certify(qt.retime(ROUTE, qt.Limits(speed=5.0, acceleration=1.0)).path, qt.Limits(own={FIRST: along}))
+    assert found.status == {"a_own": status}
 
 
 def test_own_quantities_that_are_infinite_at_rest_are_refused():

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ast
 import functools
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -68,7 +69,8 @@ def _tree(text: str) -> ast.expr:
     if len(text) > LONGEST:
         raise ValueError(f"an expression may have {LONGEST} characters, but one of {len(text)} was given")
     try:
-        return ast.parse(text.strip(), mode="eval").body
+        with warnings.catch_warnings(action="ignore"):  # of texts such as "1if 1else 2", which are refused below
+            return ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         raise _fault(text, f"is not valid: {getattr(error, 'msg', None) or error}") from None
 
@@ -83,7 +85,7 @@ def _parts(text: str) -> Iterator[str]:
         match node:
             case ast.Constant(value=int() | float() as x) if not isinstance(x, bool) and _is_finite(x):
                 continue
-            case ast.Name() | ast.Attribute() if name := _dotted(node):
+            case ast.Name() | ast.Attribute() if (name := _dotted(node)) and name not in FUNCTIONS:
                 yield name
                 continue
             case ast.UnaryOp(op=ast.USub() | ast.UAdd(), operand=x):
@@ -95,7 +97,8 @@ def _parts(text: str) -> Iterator[str]:
             ):
                 inner = more
             case _:
-                raise _fault(text, f"contains {ast.unparse(node)!r:.60}, but it may contain only {ALLOWED}")
+                part = ast.get_source_segment(text.strip(), node) or text
+                raise _fault(text, f"contains {part!r:.60}, but it may contain only {ALLOWED}")
         waiting += [(x, depth + 1) for x in inner]
 
 

@@ -94,7 +94,7 @@ class RouteTunePart(Part):
         None,
         values="the name of a saved path, relative to the scenario",
     )
-    max_steps: keys.Counts = key("maximum total number of steps of all searches", 300)
+    max_steps: keys.Counts = key("maximum number of steps of a search with its repetitions", 300)
     fixed_ends: bool = key("whether the states at both ends of the route are kept", True, values="a bool")
 
 

@@ -114,9 +114,10 @@ def tune_route(
     of a step is proportional to the number of segments. The method satisfies the limits at eleven instants of each
     segment, with margins for larger values between them. Then `certify` checks whole segments, and the margins are
     reduced until everything is proved, in at most eleven searches (twelve for "fastest") with `max_steps` steps in
-    total. The result is a local optimum with the code `successful`. The code is `not_optimal` if everything is proved
-    but the search stopped before the optimum. Two more codes refer to segments that touch a stop and do not change:
-    `broken_at_stops` and `undefined_at_stops`.
+    total. If they find no route, they are repeated with matrices without the second derivatives of the constraints,
+    where these are violated by much. The result is a local optimum with the code `successful`. The code is
+    `not_optimal` if everything is proved but the search stopped before the optimum. Two more codes refer to segments
+    that touch a stop and do not change: `broken_at_stops` and `undefined_at_stops`.
 
     If the limits contradict each other, the code is `limits_contradict`: another search with elastic limits finds a
     route that violates some limits on some segments, and is proved to satisfy all others. `advice` then contains a
@@ -218,8 +219,10 @@ def _searched(posed: Posed, task: rounds.Task, begins: list[Any], objective: str
     found = rounds.solved(task, begins, order)
     if task.problem.local is None or (found.proved and found.missed is None):
         return found
-    stricter = task._replace(problem=posed.with_local_limits(task.problem, whole=True), whole=True)
-    return min(found, rounds.solved(stricter, begins, order), key=order)
+    problem = posed.with_local_limits(task.problem, whole=True)
+    if np.array_equal(problem.local, task.problem.local):  # there are no steps
+        return found
+    return min(found, rounds.solved(task._replace(problem=problem, whole=True), begins, order), key=order)
 
 
 def _advice(posed: Posed, task: rounds.Task, found: rounds.Found, objective: str) -> str:

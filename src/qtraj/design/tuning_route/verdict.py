@@ -23,7 +23,10 @@ def rank(found: rounds.Found, objective: str) -> tuple[bool, bool, float]:
 
 
 def no_worse(found: rounds.Found, given: rounds.Found) -> rounds.Found:
-    """Return the `given` route instead of the result of an unfinished search that violates the same limits by more."""
+    """Return the `given` route instead of the result of an unfinished search that violates the same limits by more.
+
+    As in all results of searches, `proved` then means that everything besides what is `missed` is proved.
+    """
     if found.missed is None or found.optimal:
         return found
     open_ = rounds.unproved(given.judged, given.problem.names, given.problem.moving > 0)
