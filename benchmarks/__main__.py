@@ -46,6 +46,7 @@ def main():
             f"the documents use only {RESULTS.name}, so --write takes no --quick, no --folder and no other --name"
         )
     folder = given.folder or (Path(tempfile.mkdtemp(prefix="qtraj-benchmarks-")) if given.quick else RESULTS.parent)
+    folder.mkdir(parents=True, exist_ok=True)
     file, failed = folder.resolve() / f"{given.name}.json", 0
     results = {"races": {}}
     for name in given.races or RACES:

@@ -331,6 +331,7 @@ def main(arguments: list[str]) -> int:
         parser.error("only measurements of an accelerator, in full, are written into documents")
     jax.config.update("jax_enable_x64", True)
     folder = given.folder or (Path(tempfile.mkdtemp(prefix="qtraj-benchmarks-")) if given.quick else RESULTS.parent)
+    folder.mkdir(parents=True, exist_ok=True)
     file = folder / f"{name()}.json"
 
     def keep(result: dict[str, Any]) -> None:

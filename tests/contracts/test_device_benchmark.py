@@ -28,8 +28,9 @@ def test_a_failure_loses_no_other_row(tmp_path, monkeypatch):
         "proofs": partial(device.proofs, 3, 1),
     }
     monkeypatch.setattr(device, "tasks", lambda quick, on_cpu: rows)
-    assert device.main(["--quick", "--folder", str(tmp_path)]) == 1
-    (file,) = tmp_path.iterdir()
+    folder = tmp_path / "created" / "for it"
+    assert device.main(["--quick", "--folder", str(folder)]) == 1
+    (file,) = folder.iterdir()
     assert file.name == f"{device.name()}.json"
     found = json.loads(file.read_text())["races"]["device"]["rows"]
     assert [row["agrees"] for row in found[::2]] == ["yes", "yes"]
