@@ -125,21 +125,45 @@ def as_floats(polynomials):
     return BoundedPolynomial(np.array([p.floats() for p in polynomials]).T)
 
 
+def require_within_bounds(found, exact):
+    """Check that the errors of the coefficients of bounded polynomials are within their bounds."""
+    bounds = bounded.SLACK * bounded.UNIT * found.k * found.m
+    for k, true in enumerate(exact):
+        errors = [
+            abs(Fraction(x) * Fraction(2) ** true.exponent - Fraction(y))
+            for x, y in zip(true.numbers, found.c[:, k].tolist(), strict=True)
+        ]
+        assert all(error <= Fraction(bound) for error, bound in zip(errors, bounds[:, k].tolist(), strict=True))
+
+
 def test_the_bounds_of_floats_contain_the_exact_coefficients():
     rng = np.random.default_rng(2)
     for _ in range(20):
         exact = [[random_polynomial(rng, 3) for _ in range(5)] for _ in range(3)]
         a, b, c = map(as_floats, exact)
         result = (a * b - c) * (a + 2 * c) - b.derivative() * 3
-        for k in range(5):
-            p, q, r = (x[k] for x in exact)
-            true = (p * q - r) * (p + 2 * r) - q.derivative() * 3
-            errors = [
-                abs(Fraction(x) * Fraction(2) ** true.exponent - Fraction(y))
-                for x, y in zip(true.numbers, result.c[:, k].tolist(), strict=True)
-            ]
-            bounds = bounded.SLACK * bounded.UNIT * result.k * result.m[:, k]
-            assert all(error <= Fraction(bound) for error, bound in zip(errors, bounds.tolist(), strict=True))
+        require_within_bounds(
+            result, [(p * q - r) * (p + 2 * r) - q.derivative() * 3 for p, q, r in zip(*exact, strict=True)]
+        )
+
+
+def test_bounds_of_compositions_and_of_their_powers():
+    rng = np.random.default_rng(8)
+    roots = rng.uniform(3.4, 3.6, 5)  # near the values of `inner`, so the terms cancel
+    outer = [ExactPolynomial.from_floats([c**4, -4 * c**3, 6 * c**2, -4 * c, 1.0]) for c in roots]
+    inner = [ExactPolynomial.from_floats([3.0, x]) for x in rng.uniform(0.0, 0.1, 5)]
+    found, true = (
+        as_floats(outer).composed(as_floats(inner)),
+        [p.composed(q) for p, q in zip(outer, inner, strict=True)],
+    )
+    require_within_bounds(found, true)
+    near = found.consolidated()
+    require_within_bounds(near, true)
+    sixth, plain, power = near, found, true
+    for _ in range(5):
+        sixth, plain, power = sixth * near, plain * found, [p * q for p, q in zip(power, true, strict=True)]
+    require_within_bounds(sixth, power)
+    assert np.all(sixth.k * sixth.m[0] < 1e-6 * plain.k * plain.m[0])
 
 
 @pytest.mark.parametrize("strict", [False, True])

@@ -7,7 +7,11 @@ import pytest
 from scipy.interpolate import CubicSpline, make_interp_spline
 
 import qtraj as qt
+from qtraj.algebra.bounded import SLACK, UNIT
+from qtraj.algebra.exact import ExactPolynomial
+from qtraj.design.proof.composed import composed_source
 from qtraj.path.quantity import quantity
+from qtraj.path.stops import Segments
 
 LIMITS = qt.Limits(
     curvature=0.2,
@@ -207,3 +211,27 @@ def test_invalid_arguments(certified):
         qt.certify(jax.tree.map(lambda x: np.stack([x, x]), route), LIMITS)
     with pytest.raises(ValueError, match="a corridor is supported only for a SpiralHelix"):
         qt.certify(route, LIMITS, corridor=1.0, reference=qt.SpiralHelix([1.0], [0.0, 1.0], [0.0], 1.0))
+
+
+@pytest.mark.parametrize("kind", ["path", "direction", "component", "shape"])
+def test_bounded_polynomials_of_curves_with_a_progress(kind):
+    """The errors of the coefficients are within their bounds, with positions as well."""
+    rng = np.random.default_rng(4)
+    rows, durations = np.array([0, 2]), np.array([1.0, 1.25, 1.25])
+    own = np.stack([[7.2, 0.0, 0.4, 0.3], [0.0, 1.0, 0.0, 0.0], [3.0, 0.7, -0.2, 0.1]])
+    curves = Segments(
+        np.array([0.0, 1.0, 2.25]), rng.normal(size=(3, 6, 3)), durations, own, np.array([9.0, -7.0, 1.0])
+    )
+    source = composed_source(curves, rows, kind).positioned()
+    found = source.bounded(4)
+    for k in range(len(rows)):
+        exact, unit = source.exact(k, 4), ExactPolynomial.of(1 / float(source.length[k]))
+        scaled = [p * unit for row in exact.rows if row is not None for p in row]
+        pairs = list(zip([p for row in found.rows if row is not None for p in row], scaled, strict=True))
+        assert len(pairs) == (15 if kind == "path" else 12)
+        pairs += [] if found.pace == 1 else [(found.pace, exact.pace)]
+        for floats, true in pairs:
+            bounds = SLACK * UNIT * floats.k * floats.m[:, k]
+            errors = (true - ExactPolynomial.from_floats(floats.c[:, k])).floats()
+            assert np.all(np.abs(errors) <= bounds)
+            assert np.all(bounds <= 1e-9 * np.abs(floats.c[:, k]).max())

@@ -22,6 +22,9 @@ UNIT = 2.0**-53
 SLACK = 1.06
 TINY = 2.0**-960
 
+CONSOLIDATION = 1024
+"""The factor of the number of roundings in `consolidated`."""
+
 LEVELS = 16
 """Number of times that undecided intervals are halved; about 13 prove a limit that a tuned path almost reaches."""
 
@@ -77,6 +80,22 @@ class BoundedPolynomial:
             return BoundedPolynomial(np.zeros_like(self.c), np.zeros_like(self.m))
         powers = np.arange(1.0, len(self.c))[:, None]
         return BoundedPolynomial(self.c[1:] * powers, self.m[1:] * powers, self.k + 1)
+
+    def composed(self, inner: BoundedPolynomial) -> BoundedPolynomial:
+        """Return the polynomials p(inner(u)), by Horner's rule."""
+        rows = zip(self.c[:, None], self.m[:, None], strict=True)
+        *lower, result = (BoundedPolynomial(c, m, self.k) for c, m in rows)
+        for c in reversed(lower):
+            result = result * inner + c
+        return result
+
+    def consolidated(self) -> BoundedPolynomial:
+        """Return the same polynomials and bounds, with more roundings and majorants near the sizes of the coefficients.
+
+        The ratio of majorant to coefficient of a power is the power of the ratio; the number of roundings is only
+        multiplied. So powers of polynomials whose terms cancel have smaller bounds.
+        """
+        return BoundedPolynomial(self.c, np.abs(self.c) + self.m / CONSOLIDATION, CONSOLIDATION * self.k)
 
     def restricted(self, start: Float[np.ndarray, " n"], end: Float[np.ndarray, " n"]) -> BoundedPolynomial:
         """Return the polynomials p(start + (end − start)·u), 0 ≤ start ≤ end ≤ 1, by repeated synthetic division."""

@@ -12,34 +12,32 @@ from typing import Any
 
 import numpy as np
 
+from qtraj.algebra.bounded import BoundedPolynomial
 from qtraj.algebra.exact import ExactPolynomial
-from qtraj.design.proof.standing import DirectedSource, Vector
+from qtraj.design.proof.sources import powers
+from qtraj.design.proof.standing import Directed, DirectedSource, Vector
 from qtraj.path import pieces, progress
 from qtraj.path.stops import Segments
 
 
-class Composed:
-    """The sources of the proofs on curves with a progress; what several kinds of limits need is computed once."""
+def composed_source(segments: Segments, rows: np.ndarray, kind: str) -> DirectedSource:
+    """Return the source for one kind of limits: "path", "direction", "component" or "shape".
 
-    def __init__(self, segments: Segments):
-        self._segments, self._in_time = segments, {}
+    The kinds are those of `route_segments`. In the kind "shape", the fraction of the duration is that of the curve.
+    """
+    evenly, whole = kind == "shape", kind in ("path", "shape")
 
-    def source(self, rows: np.ndarray, kind: str) -> DirectedSource:
-        """Return the source for one kind of limits: "path", "direction", "component" or "shape".
+    def of_kind(q: list[Any], pace: Any) -> tuple[list[Any], Any]:
+        return ([pace * p for p in q], 1) if whole else (q, pace)
 
-        The kinds are those of `route_segments`. In the kind "shape", the fraction of the duration is that of the curve.
-        """
-        given: list[Any] = []
-        positions = [positions_of(self._segments, int(i)) for i in rows] if kind == "path" else None
-        for i in rows:
-            q, pace = directed(self._segments, int(i), True) if kind == "shape" else self._directed(int(i))
-            given.append(([pace * p for p in q], 1) if kind in ("path", "shape") else (q, pace))
-        return DirectedSource(given, self._segments.durations[rows], kind == "component", positions)
+    def exact(k: int) -> Directed:
+        return of_kind(*directed(segments, int(rows[k]), evenly))
 
-    def _directed(self, i: int) -> tuple[Vector, ExactPolynomial]:
-        if i not in self._in_time:
-            self._in_time[i] = directed(self._segments, i)
-        return self._in_time[i]
+    positions = (lambda: _positions(segments, rows)), (lambda k: positions_of(segments, int(rows[k]))())
+    floats = of_kind(*_directed(segments, rows, evenly))
+    return DirectedSource(
+        floats, exact, segments.durations[rows], kind == "component", positions if kind == "path" else None
+    )
 
 
 def directed(segments: Segments, i: int, evenly: bool = False) -> tuple[Vector, ExactPolynomial]:
@@ -51,6 +49,41 @@ def directed(segments: Segments, i: int, evenly: bool = False) -> tuple[Vector, 
     slope = _slope(segments, i)
     powers = place.powers(max(len(p.numbers) for p in slope) - 1)
     return [p.combined(powers) for p in slope], place.derivative()
+
+
+def _directed(segments: Segments, rows: np.ndarray, evenly: bool) -> tuple[list[BoundedPolynomial], BoundedPolynomial]:
+    """Return the same for many segments, in bounded floats."""
+    place = _places(segments, rows)
+    if evenly:
+        # Without the start, so that nothing cancels.
+        covered = BoundedPolynomial(place.c[1:].sum(axis=0)[None], place.m[1:].sum(axis=0)[None], place.k + 3)
+        place = BoundedPolynomial(place.c[:1]) + covered * _identity(len(rows))
+    q = [p.derivative().composed(place).consolidated() for p in _curves(segments, rows)]
+    return q, place.derivative()
+
+
+def _identity(count: int) -> BoundedPolynomial:
+    """Return the polynomial u, `count` times."""
+    return BoundedPolynomial(np.repeat([[0.0], [1.0]], count, axis=1))
+
+
+def _positions(segments: Segments, rows: np.ndarray) -> list[BoundedPolynomial]:
+    """Return the positions of many segments as functions of the fractions of their durations, in bounded floats."""
+    place = _places(segments, rows)
+    origin = np.zeros(3) if segments.origin is None else segments.origin
+    shifts = [BoundedPolynomial.constant(np.full(len(rows), float(x))) for x in origin]
+    return [p.composed(place) + shift for p, shift in zip(_curves(segments, rows), shifts, strict=True)]
+
+
+def _curves(segments: Segments, rows: np.ndarray) -> list[BoundedPolynomial]:
+    c = segments.coefficients[rows].T  # (3, terms, n)
+    return [BoundedPolynomial(np.ascontiguousarray(row)) for row in c]
+
+
+def _places(segments: Segments, rows: np.ndarray) -> BoundedPolynomial:
+    """Return the progress as a function of the fraction of the duration, for many segments."""
+    c = segments.known_progress()[rows].T
+    return BoundedPolynomial(c * powers(segments.durations[rows], len(c)), k=len(c) + 1)
 
 
 def positions_of(segments: Segments, i: int) -> Callable[[], Vector]:

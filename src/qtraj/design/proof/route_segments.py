@@ -16,7 +16,7 @@ from jaxtyping import Int
 
 from qtraj.design.proof.at_rest import at_rest
 from qtraj.design.proof.certificate import UNDEFINED
-from qtraj.design.proof.composed import Composed, fractions_along, times_along
+from qtraj.design.proof.composed import composed_source, fractions_along, times_along
 from qtraj.design.proof.findings import Findings, Limit, Window
 from qtraj.design.proof.judge import judge
 from qtraj.design.proof.sources import PolynomialSource, Source
@@ -37,8 +37,8 @@ COMPONENTS = (
 )
 """Components of the acceleration along and across the velocity, and quantities that depend on road or gravity."""
 
-BLOCK_SIZE = 256
-"""Number of segments that are judged together; their data fits into the processor's cache."""
+BLOCK_SIZE = 1024
+"""Number of segments that are judged together; larger blocks leave the cache, and smaller ones need more calls."""
 
 RANK = np.array([0, 1, 4, 2, 3])
 """The rank of each code, from the best to the worst: proved, sampled, undecided, undefined, broken."""
@@ -70,9 +70,8 @@ def findings(
     for kind, keep in (("direction", False), ("component", True)):
         source = lambda segments, rows, keep=keep: standing_source(segments, rows, keep)  # noqa: E731
         _judge(result, task, stopping, every[kinds == kind], source)
-    curves = Composed(segments)
     for kind in ("path", "direction", "component", "shape"):
-        source = lambda _, rows, kind=kind: curves.source(rows, kind)  # noqa: E731
+        source = lambda segments, rows, kind=kind: composed_source(segments, rows, kind)  # noqa: E731
         own = task
         if kind == "shape" and window is not None and composed.any():
             # A function of the time is another one along the curve.

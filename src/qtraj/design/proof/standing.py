@@ -31,26 +31,31 @@ Vector = list[ExactPolynomial]
 Directed = tuple[Vector, Any]
 """The vector q and the pace r'/q, which may be the integer 1."""
 
+Positions = tuple[Callable[[], list[BoundedPolynomial]], Callable[[int], Vector]]
+
 
 class DirectedSource(Source):
-    """Segments whose velocity is r' = pace·q, with exact polynomials q and pace; q does not vanish at stops.
+    """Segments whose velocity is r' = pace·q, with polynomials q and pace; q does not vanish at stops.
 
     The first derivative is q. The higher derivatives are those of q or, if `keep_acceleration`, those of the velocity.
-    `positions` returns the position of each segment; None means that it is not known.
+    `floats` are q and the pace of all segments, and `exact` returns those of segment k. `positions` are functions that
+    return the positions of all segments in floats, and the position of segment k; None means that it is not known.
     """
 
     def __init__(
         self,
-        given: list[Directed],
+        floats: tuple[list[BoundedPolynomial], Any],
+        exact: Callable[[int], Directed],
         duration: np.ndarray,
         keep_acceleration: bool = False,
-        positions: list[Callable[[], Vector]] | None = None,
+        positions: Positions | None = None,
     ):
-        self.duration, self._given, self._keep = duration, given, keep_acceleration
+        self.duration, self._exact, self._keep = duration, exact, keep_acceleration
         self._positions, self._positioned = positions, False
-        sizes = [max(abs(x) for p in q for x in p.floats()) for q, _ in given]
-        self.length = power_of_two(np.array(sizes, float))
-        self._floats: dict[int, Any] = {}
+        q, self._pace = floats
+        self.length = power_of_two(np.max([np.abs(p.c).max(axis=0) for p in q], axis=0))
+        self._direction = [self._scaled(p) for p in q]
+        self._floats: dict[int, Derivatives] = {}
 
     def provable(self, upright: bool) -> Bool[np.ndarray, " n"]:
         """Return all segments."""
@@ -68,43 +73,43 @@ class DirectedSource(Source):
 
     def exact(self, k: int, order: int) -> Derivatives:
         """Return the derivatives of segment k as exact polynomials."""
-        q, pace = self._given[k]
+        q, pace = self._exact(k)
+        position = tuple(self._positions[1](k)) if self._positions and self._positioned else None
+        return self._derivatives(position, q, pace, order)
+
+    def bounded(self, order: int) -> Derivatives:
+        """Return the same in bounded floats, for all segments."""
+        if order not in self._floats:
+            position = None
+            if self._positions and self._positioned:
+                position = tuple(self._scaled(p) for p in self._positions[0]())
+            self._floats[order] = self._derivatives(position, self._direction, self._pace, order)
+        return self._floats[order]
+
+    def at(self, u: Instants, order: int) -> Derivatives:
+        """Return the derivatives at the fractions `u` of the durations, in floats."""
+        found, zero = self.bounded(order), np.zeros_like(u)
+        rows = [None if row is None else tuple(horner([*p.c], u) + zero for p in row) for row in found.rows]
+        return Derivatives(rows, 1 if is_one(found.pace) else horner([*found.pace.c], u))
+
+    def _derivatives(self, position: Any, q: list[Any], pace: Any, order: int) -> Derivatives:
         vector = [mul(pace, p) for p in q] if self._keep else q
-        rows: list[Any] = [tuple(self._positions[k]()) if self._positions and self._positioned else None, tuple(q)]
+        rows: list[Any] = [position, tuple(q)]
         for _ in range(order - 1):
             vector = [p.derivative() for p in vector]
             rows.append(tuple(vector))
         return Derivatives(rows, pace)
 
-    def bounded(self, order: int) -> Derivatives:
-        """Return the same in floats, each rounded once."""
-        rows, pace = self._stacked(order)
-        vectors = [None if row is None else tuple(BoundedPolynomial(c, k=1) for c in row) for row in rows]
-        return Derivatives(vectors, 1 if is_one(pace) else BoundedPolynomial(pace, k=1))
-
-    def at(self, u: Instants, order: int) -> Derivatives:
-        """Return the derivatives at the fractions `u` of the durations, in floats."""
-        rows, pace = self._stacked(order)
-        zero = np.zeros_like(u)
-        vectors = [None if row is None else tuple(horner([*c], u) + zero for c in row) for row in rows]
-        return Derivatives(vectors, 1 if is_one(pace) else horner([*pace], u))
-
-    def _stacked(self, order: int) -> Any:
-        """Return the coefficients (terms, n) of all derivatives, and of the pace, or the integer 1 without one."""
-        if order not in self._floats:
-            each = [self.exact(k, order) for k in range(self.count)]
-            first = 0 if self._positioned else 1
-            rows: list[Any] = [None] * first
-            rows += [[_stacked([x.rows[m][axis] for x in each]) for axis in range(3)] for m in range(first, order + 1)]
-            pace = 1 if is_one(each[0].pace) else _stacked([x.pace for x in each])
-            self._floats[order] = [None if row is None else [c / self.length for c in row] for row in rows], pace
-        return self._floats[order]
+    def _scaled(self, p: BoundedPolynomial) -> BoundedPolynomial:
+        return BoundedPolynomial(p.c / self.length, p.m / self.length, p.k)
 
 
 def standing_source(segments: Segments, rows: np.ndarray, keep_acceleration: bool) -> DirectedSource:
     """Return segments with a stop at one end or at both ends."""
     given = [_divided(_velocity(segments, int(i))) for i in rows]
-    return DirectedSource(given, segments.durations[rows], keep_acceleration)
+    q = [BoundedPolynomial(_stacked([own[axis] for own, _ in given]), k=1) for axis in range(3)]
+    pace = BoundedPolynomial(_stacked([pace for _, pace in given]), k=1)
+    return DirectedSource((q, pace), given.__getitem__, segments.durations[rows], keep_acceleration)
 
 
 def direction_of(segments: Segments, i: int) -> Vector:

@@ -15,7 +15,6 @@ from jaxtyping import Bool, Float, Int
 
 from qtraj.algebra.bounded import BoundedPolynomial
 from qtraj.algebra.exact import ExactPolynomial
-from qtraj.algebra.sparse import mul
 from qtraj.design.proof.sources import moving_derivatives, powers
 from qtraj.design.timing.directions import Direction
 
@@ -86,13 +85,13 @@ class CellMotions(NamedTuple):
 
             def of_cells(c: Columns) -> BoundedPolynomial:
                 scaled = c * powers(self.duration, len(c))
-                return _composed([BoundedPolynomial.constant(row, k=2 * len(c) + 2) for row in scaled], place)
+                return BoundedPolynomial(scaled, k=2 * len(c) + 2).composed(place)
 
             return _motion(_derivatives(self.position, of_cells, order), None, timing)
         own = [self.directions[k] for k in self.segment.tolist()]
         columns = [_stacked([x.direction[axis] for x in own]) for axis in range(3)]
-        q = tuple(_composed([BoundedPolynomial.constant(row, k=1) for row in c], place) for c in columns)
-        factor = _composed([BoundedPolynomial.constant(row) for row in _stacked([x.factor for x in own])], place) * half
+        q = tuple(BoundedPolynomial(c, k=1).composed(place) for c in columns)
+        factor = BoundedPolynomial(_stacked([x.factor for x in own])).composed(place) * half
         return _motion(_slopes(tuple(factor * p for p in q), order), (_slopes(q, order), factor), timing)
 
     def exact(self, k: int, order: int) -> Motion:
@@ -134,14 +133,6 @@ def _slopes(vector: tuple[Any, ...], order: int) -> list[Any]:
     for _ in range(order - 1):
         rows.append(tuple(p.derivative() for p in rows[-1]))
     return rows
-
-
-def _composed(coefficients: list[Any], place: Any) -> Any:
-    """Return the polynomial with these ascending coefficients at `place`, by Horner's rule."""
-    result = coefficients[-1]
-    for c in coefficients[-2::-1]:
-        result = mul(result, place) + c
-    return result
 
 
 def _stacked(polynomials: list[ExactPolynomial]) -> Columns:
