@@ -282,12 +282,12 @@ def quantity(name: str) -> PathQuantity:
     if isinstance(name, OwnName):
         return name.entry
     require_type(name, str, "the name of a path quantity", "a string such as 'curvature'")
+    if name in _KNOWN:
+        return _KNOWN[name]
     if names_obstacle(name):
         return CLEARANCE
-    if name not in _KNOWN:
-        known = ", ".join((*QUANTITIES, CORRIDOR.name))
-        raise ValueError(
-            f"unknown path quantity {name!r}; the known quantities are {known}, and the sides "
-            "of two-sided limits, with the endings _min and _max"
-        )
-    return _KNOWN[name]
+    known = ", ".join((*QUANTITIES, CORRIDOR.name))
+    raise ValueError(
+        f"unknown path quantity {name!r}; the known quantities are {known}, and the sides "
+        "of two-sided limits, with the endings _min and _max"
+    )

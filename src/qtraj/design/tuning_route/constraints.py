@@ -169,9 +169,15 @@ def near(away: Float[Any, "3 nodes n"], tube: Float[Any, "2 nodes n"]) -> Float[
     return xp.stack([away[0] ** 2 + away[1] ** 2, away[2] ** 2]) / tube
 
 
-def values(problem: RouteProblem, s: Segments, fine: bool = False) -> Float[Any, "constraints nodes n"]:
-    """Return the squares of all limited quantities and of both distances, relative to their bounds."""
-    return joined(problem, [_values(problem.part(k), s.part(k), fine) for k in problem.groups()])
+def values(
+    problem: RouteProblem, s: Segments, fine: bool = False, parts: list[tuple[Any, RouteProblem]] | None = None
+) -> Float[Any, "constraints nodes n"]:
+    """Return the squares of all limited quantities and of both distances, relative to their bounds.
+
+    `parts` are the indices and the problems of the groups of segments; by default they are computed.
+    """
+    parts = [(k, problem.part(k)) for k in problem.groups()] if parts is None else parts
+    return joined(problem, [_values(part, s.part(k), fine) for k, part in parts], [k for k, _ in parts])
 
 
 def _values(problem: RouteProblem, s: Segments, fine: bool) -> Float[Any, "constraints nodes n"]:

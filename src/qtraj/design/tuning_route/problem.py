@@ -106,7 +106,7 @@ class RouteProblem(NamedTuple):
     @property
     def dense(self) -> bool:
         """Whether all segments are curves with a progress, whose nodes are clustered; for parts of one group."""
-        return self.composed is not None and bool(np.all(self.composed))
+        return self.composed is not None and bool(self.composed.all())
 
     def groups(self) -> list[Any]:
         """Return the indices of the segments whose nodes are not clustered, and of those whose nodes are."""
@@ -150,16 +150,20 @@ def joined(problem: RouteProblem, parts: list[Any], groups: list[Any] | None = N
 
     `groups` contains the indices of the segments, by default those of `RouteProblem.groups`.
     """
+    order = None
+    if problem.composed is not None and len(parts) > 1:
+        order = np.argsort(np.concatenate(problem.groups() if groups is None else groups))
+    return _joined(parts, order)
+
+
+def _joined(parts: Any, order: np.ndarray | None) -> Any:
     if parts[0] is None:
         return None
     if isinstance(parts[0], tuple):
-        fields = [joined(problem, list(x), groups) for x in zip(*parts, strict=True)]
+        fields = [_joined(x, order) for x in zip(*parts, strict=True)]
         return type(parts[0])(*fields) if hasattr(parts[0], "_fields") else tuple(fields)
     found = parts[0] if len(parts) == 1 else xp.concatenate(parts, axis=-1)
-    if problem.composed is None or len(parts) == 1:
-        return found
-    order = np.argsort(np.concatenate(problem.groups() if groups is None else groups))
-    return found[..., order]
+    return found if order is None else found[..., order]
 
 
 def factors(problem: RouteProblem, h: Float[Any, " n"]) -> Float[Any, "6 1 n"]:

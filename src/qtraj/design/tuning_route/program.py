@@ -64,7 +64,8 @@ class RouteProgram:
     def evaluate(self, z: Variables) -> tuple[float, PerConstraint]:
         """Return the objective and the values of the constraints."""
         s = segments(self.problem, z)
-        return float(objective(self.problem, s)), self.flat(values(self.problem, s), bounds(self.problem, s))
+        found = values(self.problem, s, parts=self.groups)
+        return float(objective(self.problem, s)), self.flat(found, bounds(self.problem, s))
 
     def linearise(self, z: Variables, multipliers: PerConstraint, stiffness: PerConstraint) -> "Linear":
         """Return values and derivatives; the matrix is ∇²(f + Σ multiplier·g) + Σ stiffness·∇g ∇gᵀ."""

@@ -47,6 +47,10 @@ PRICES = (3e2, 3e3)
 """The prices of violations, one after the other, if the limits contradict each other: with a high price from the start,
 the steps of the search would be short."""
 
+SHARP = 1e-4
+"""The barrier parameter at the start of the search with the second price, relative to this price: with a larger one,
+the search would first move away from the solution for the first price."""
+
 VIOLATED = 1e-5
 """A limit counts as violated if the squared quantity exceeds the squared limit by more than this fraction of it."""
 
@@ -199,7 +203,7 @@ def _solved(
             nonconvex.start(program, np.zeros(problem.free.shape) if begin is None else begin, rules.factor, mu), mu
         )
     else:
-        mu = ROUGH * (price or 1.0)
+        mu = SHARP * (price or 1.0)
         state = Search(nonconvex.restarted(program, start, mu), mu, renewals=FREE)
     if np.any(problem.time):
         state = nonconvex.solve(program, state, _rules(task, program, factor, ROUGH), most)
