@@ -175,8 +175,27 @@ def test_the_gap_is_saved(tmp_path):
     timed = from_rest(qt.Route.from_piecewise(path.spline), path.limits)
     timed.save(tmp_path / "timed.json")
     assert float(qt.load(tmp_path / "timed.json").gap) == float(timed.gap) > 0
-    fixed = from_rest(qt.Route.from_piecewise(path.spline), path.limits, knots=256)
-    assert np.isnan(float(fixed.gap))
+
+
+def test_with_knots_the_gap_bounds_the_distance_from_the_minimum():
+    path = random_path(6)
+    exact = exact_duration(path)
+    for knots in (16, 64, 256):
+        fixed = from_rest(qt.Route.from_piecewise(path.spline), path.limits, knots=knots)
+        distance = 1 - exact / float(fixed.duration)
+        assert fixed.code == qt.ResultCode.successful
+        assert distance - 1e-5 < float(fixed.gap) < distance + 1e-3
+        assert ("no knots" in str(fixed.result)) == (float(fixed.gap) > 1e-3)
+    assert "no knots" not in str(from_rest(qt.Route.from_piecewise(path.spline), path.limits).result)
+
+
+def test_with_knots_and_a_jerk_limit_the_gap_is_a_bound():
+    chosen, fixed = (from_rest(bend(), LIMITED, knots=knots) for knots in (None, 32))
+    assert fixed.code == qt.ResultCode.successful
+    assert 1 - float(chosen.duration) / float(fixed.duration) < float(fixed.gap) < 1
+    free = qt.retime(bend(), qt.Limits(speed=5.0, yaw_rate=0.5), knots=32)
+    assert float(free.gap) == np.inf
+    assert "unknown time" in str(free.result)
 
 
 LIMITED = {"speed": 13.0, "acceleration": 2.0, "jerk": 1.0}

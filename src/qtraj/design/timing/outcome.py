@@ -12,6 +12,7 @@ from jaxtyping import Float, Int
 from qtraj.design.ellipse import Ellipse
 from qtraj.design.proof.certificate import Certificate
 from qtraj.design.timing.end_advice import missed_speeds
+from qtraj.design.timing.gap_text import fastest_text
 from qtraj.design.timing.sources import source
 from qtraj.design.timing.steepness import friction_at_rest
 from qtraj.design.timing.timing import RetimedPath, Timing
@@ -54,14 +55,16 @@ class Retimed(AbstractOutcome):
     - `iterations`: the number of steps of all searches.
     - `vehicle`: the vehicle of limits on friction or power, otherwise None.
     - `of_shape`: whether the original path is a `Shape`, whose parameter is a length [m] and not a time.
-    - `gap`: the relative distance of the duration from the minimum over all timings. Without a limit that couples speed
+    - `gap`: the relative distance of the duration from the minimum over all timings. With `knots`, it is a bound: the
+      distance from a timing that ignores how limits couple speed and acceleration, infinite if the limits do not bound
+      the acceleration. Otherwise it is as follows. Without a limit that couples speed
       and acceleration (acceleration, yaw and vertical acceleration, jerk, friction, power), it is an upper bound,
       except for errors of sampling: the distance from a timing that ignores the coupling. With such a limit it is the
       smaller one of this bound and of an estimate: the time gained if all cells are halved, and at least as much again
       for all further halvings. If halvings do not gain less and less, there is no estimate, and `gap` is the bound,
       which may be far too large. With a limit on jerk, power or an own quantity, the
       estimate is for the local minimum. NaN if the
-      number of cells was given, if the path or a limit was traced, if the duration was prescribed, or if a limit on the
+      path or a limit was traced, if the duration was prescribed, or if a limit on the
       lateral acceleration by speed rises so steeply that faster speeds may be allowed again, which `retime` does not
       use.
     - `share`: the factor on the limits on accelerations with which the fastest timing has the prescribed duration; NaN
@@ -173,10 +176,7 @@ class Retimed(AbstractOutcome):
                     f"converged: the timing takes {time:.6g} s as prescribed, with at most {100 * share:.3g} % of the "
                     "limits on accelerations, and every limit is proved to be satisfied on the whole path."
                 )
-            found = f"the fastest timing takes {time:.6g} s (to within {max(100 * gap, 0.001):.2g} %)"
-            if np.isnan(gap):
-                found = f"the fastest timing that was found takes {time:.6g} s"
-            return f"converged: {found}, and every limit is proved to be satisfied on the whole path."
+            return f"converged: {fastest_text(time, gap)}, and every limit is proved to be satisfied on the whole path."
         if code == ResultCode.end_speed_not_reached:
             wanted, speeds = (np.asarray(x)[at] for x in (self.wanted, self.speeds))
             prescribed = not np.isnan(np.asarray(self.share)[at])

@@ -83,7 +83,8 @@ def _solved(p: Posed, part: Part, ends: tuple[Any, tuple[bool, bool]], grid: Gri
             for cells in SMALL_CELLS:
                 again = searched(p, part, fixed(p._replace(knots=cells), part), *ends)
                 if _all_proved(p, (others := _proved(p, again))[2]):
-                    x, excess, proofs = again, np.nan, others
+                    least = x.times().sum() - excess
+                    x, excess, proofs = again, np.maximum(again.times().sum() - least, 0.0), others
                     break
     powers, usage, codes, slower = proofs
     excess = excess + _lost(x, slower)

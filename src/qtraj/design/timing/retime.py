@@ -19,6 +19,7 @@ from qtraj.design.timing.ends import Begun, begun, known_speeds
 from qtraj.design.timing.formula_limits import of_third_order
 from qtraj.design.timing.judged import judged
 from qtraj.design.timing.laps import require_lap, require_no_stops
+from qtraj.design.timing.lower_bound import excess_over_bound
 from qtraj.design.timing.outcome import Retimed
 from qtraj.design.timing.own_requirements import require_formulas
 from qtraj.design.timing.part_search import Posed
@@ -224,12 +225,19 @@ def _retimed(
         require_regular(begins.slowest)
     rest = (known_zero(speeds[0]) and not standing[0], known_zero(speeds[1]) and not standing[1])
 
-    def of_parts_with(p: Posed) -> list[tuple[TimedPart, Any]]:
+    traced = is_traced(p.path, p.bounds, p.vehicle, speeds)
+
+    def of_parts_with(p: Posed, bounded: bool = False) -> list[tuple[TimedPart, Any]]:
         found = []
         for k, part in enumerate(parts):
             first, last = k == 0, k == len(parts) - 1
             ends = begins.free if not (first or last) else begins.largest[(first, last)]
-            found.append(timed(p, part, ends, (rest[0] and first, rest[1] and last)))
+            at_rest = (rest[0] and first, rest[1] and last)
+            own, grid = timed(p, part, ends, at_rest)
+            if bounded and part.moves:
+                time = moving_time([(own, grid)], at_rest)
+                own = own._replace(excess=np.asarray(excess_over_bound(p, part, ends, at_rest, time)))
+            found.append((own, grid))
         return found
 
     share, given = np.nan, p
@@ -237,10 +245,9 @@ def _retimed(
         waits = sum(float(part.end - part.start) for part in parts if not part.moves)
         keeps_ends = any(v is not None and float(v) > 0 for v in speeds)
         given, share = gentlest(p, duration - waits, keeps_ends, lambda p: moving_time(of_parts_with(p), rest))
-    found = of_parts_with(given)
+    found = of_parts_with(given, bounded=p.knots is not None and duration is None and not traced)
     brakes = None if duration is not None else _braked(p, parts[0], found[0], begins)
     found[0] = found[0] if brakes is None else brakes[:2]
-    traced = is_traced(p.path, p.bounds, p.vehicle, speeds)
     judge = with_derivatives(judged) if traced else judged
     own, grids = (list(x) for x in zip(*found, strict=True))
     cells = of_parts(grids, [part.stops for part in parts])
@@ -252,7 +259,7 @@ def _retimed(
     elif not one_interval(p.bounds):
         gap = np.asarray(np.nan)
     if not traced and code == ResultCode.successful:
-        code = accuracy_code(float(result[1]), duration, float(gap), p.tolerance)
+        code = accuracy_code(float(result[1]), duration, np.nan if p.knots is not None else float(gap), p.tolerance)
     if brakes is not None and brakes.holds and code == ResultCode.limits_broken:
         code = np.asarray(int(ResultCode.starts_above_limits))
     return *result, code, steps, gap, share, *((0.0, 0.0) if brakes is None else brakes[2:4])

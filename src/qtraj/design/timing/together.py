@@ -65,7 +65,8 @@ def retime_together(
     stop at joints, while another one moves. Only at the start and at the end, all of them may be at rest.
 
     The problem, the choice of the cells and the proofs are those of `retime`: u̇²(u) is one cubic spline, on which the
-    constraints of all bodies are imposed. `gap` is an estimate. The estimate and the duration refer to all bodies.
+    constraints of all bodies are imposed. `gap` is an estimate; it is
+    infinite with `knots`. The estimate and the duration refer to all bodies.
 
     Args:
         paths: Routes with the same joints, one for each body, without an uneven progress (see `fit_route`).
@@ -151,7 +152,7 @@ def _timed(
 
     def found(p: Posed) -> tuple[Searched, Any]:
         if grid is not None:
-            return searched(p, part, grid, at_ends, rest), np.nan
+            return searched(p, part, grid, at_ends, rest), np.nan if traced else np.inf
         return on_chosen_cells(p, part, at_ends, rest)
 
     def time_of(p: Posed) -> float:
@@ -182,7 +183,7 @@ def _timed(
         ends = rates * begin.pace, begin.wanted if k == 0 else goal
         code = result_code(xp, own.code, converged, ends, (timing.coefficients, time))
         if not traced and code == ResultCode.successful:
-            code = accuracy_code(float(time), duration, float(gap), p.tolerance)
+            code = accuracy_code(float(time), duration, np.nan if grid is not None else float(gap), p.tolerance)
         rows = xp.stack([usage[row] for row in rows_of_body(p.all_bounds, k, own.names)])
         rows = rows if duration is None else rows * ratios(own.names, p.all_bounds[k], share)[:, None]
         result = RetimedPath(path, timing), time, own, rows, ends[0], code, x.found.steps
