@@ -81,8 +81,8 @@ def _positions(points: ArrayInput) -> Float[np.ndarray, "n 3"]:
     if (large := (np.abs(found) > LARGEST).any(axis=1)).any():
         k = int(np.flatnonzero(large)[0])
         raise ValueError(
-            f"the coordinates of a shape must be at most {LARGEST:g} m, but point {k} is {found[k].tolist()}: use other "
-            "units"
+            f"the coordinates of a shape must be at most {LARGEST:g} m, but point {k} is {found[k].tolist()}: "
+            "use other units"
         )
     return np.pad(found, [(0, 0), (0, 3 - found.shape[1])])
 
