@@ -146,6 +146,7 @@ def test_saved_shape_is_the_same(tmp_path, suffix, widths):
         (([[0, 0], [1, 0]], True), "three different points"),
         (([0, 1, 2],), "shape \\(n, 3\\)"),
         (([[0, 0], [np.nan, 1]],), "point 1"),
+        (([[0, 0], [1e300, 0]],), "point 1 .*other units"),
         (("road",), "array of numbers"),
         ((winding(), None, -1.0), "tolerance"),
         ((winding()[:4], None, 0.1), "at least 6 points"),

@@ -19,6 +19,10 @@ LARGEST_TURN = np.cos(np.radians(61.0))
 """Smallest cosine of the angle by which a curve that is recognised as closed turns at each of its ends."""
 
 
+LARGEST = 1e50
+"""Largest absolute coordinate [m]: powers of larger numbers overflow."""
+
+
 class Points(NamedTuple):
     """Points (n, 3) [m], widths (n, 2) [m] or None; the last point of a closed curve repeats the first one."""
 
@@ -74,6 +78,12 @@ def _positions(points: ArrayInput) -> Float[np.ndarray, "n 3"]:
     if not np.isfinite(found).all():
         k = int(np.flatnonzero(~np.isfinite(found).all(axis=1))[0])
         raise ValueError(f"the points of a shape must be finite, but point {k} is {found[k].tolist()}: remove it")
+    if (large := (np.abs(found) > LARGEST).any(axis=1)).any():
+        k = int(np.flatnonzero(large)[0])
+        raise ValueError(
+            f"the coordinates of a shape must be at most {LARGEST:g} m, but point {k} is {found[k].tolist()}: "
+            "use other units"
+        )
     return np.pad(found, [(0, 0), (0, 3 - found.shape[1])])
 
 
