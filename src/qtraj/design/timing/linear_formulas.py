@@ -73,8 +73,8 @@ def linear_limits(f: Formulas) -> LinearLimits:
             along.append(sign * c)
             across.append(sign * d)
             most.append(limit)
-    rows = [np.reshape(x, (len(x), *square.shape)) for x in (along, across, most)]
-    return LinearLimits(*rows, steady, np.sum(direction * half, axis=0))
+    c, d, limit = (np.reshape(x, (len(x), *square.shape)) for x in (along, across, most))
+    return LinearLimits(c, d, limit, steady, np.sum(direction * half, axis=0))
 
 
 def _value(entry: Any, velocity: Any, acceleration: Any, vehicle: Any) -> Any:
