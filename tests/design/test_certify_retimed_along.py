@@ -197,3 +197,20 @@ def test_a_linear_limit_is_not_broken_where_only_its_lines_are(index):
         assert found.status["speed"] != "broken" or own > bound
         seen.add(found.status["speed"])
     assert {"proved", "broken"} <= seen
+
+
+@pytest.mark.parametrize("cell", [0.2, 0.3])
+def test_a_linear_limit_that_is_violated_just_after_the_start_of_a_cell_is_decided(cell):
+    """The line touches the speed, which is concave, so that the largest samples are at the end of the cell before."""
+    line = qt.Route([0.0, 10.0], [[0.0, 0, 0], [100, 0, 0]], [[10.0, 0, 0], [10, 0, 0]], np.zeros((2, 3)))
+    path = qt.retime(line, qt.Limits(speed=15.0, longitudinal_acceleration=2.0), 3.0, 3.0).path
+    knots, powers = (np.asarray(x) for x in (path.timing.knots, path.timing.coefficients))
+    k = int(cell * len(powers))
+    width, z = knots[k + 1] - knots[k], 0.014
+    square = 100.0 * powers[k] @ z ** np.arange(4)
+    slope = 100.0 * powers[k, 1:] @ (np.arange(1, 4) * z ** np.arange(3)) / width / 10.0
+    speed, s = np.sqrt(square), 10.0 * (knots[k] + z * width)
+    touching = [speed + slope / (2 * speed) * (x - s) for x in (0.0, 100.0)]
+    for factor, status in ((1 - 3e-9, "broken"), (1 + 3e-9, "proved")):
+        limit = qt.Along([0.0, 100.0], factor * np.array(touching), "linear")
+        assert qt.certify(path, qt.Limits(speed=limit)).status["speed"] == status

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import qtraj as qt
+from qtraj.path.own_facts import is_linear
 
 ROUTE = qt.Route(
     [0.0, 4.0, 8.0, 12.0],
@@ -69,6 +70,47 @@ def test_quantity_equal_to_a_built_in_one_has_the_same_duration(quantity, limit,
     second = timed(path, **others, **vehicle, own={quantity: limit})
     tolerance = EXACT if exact else max(float(first.gap), float(second.gap))
     np.testing.assert_allclose(second.duration, first.duration, rtol=tolerance)
+
+
+FORWARD = qt.Quantity("forward", "m/s^2", lambda p: p.acceleration[0] - 0.5 * p.acceleration[1])
+
+
+@pytest.mark.parametrize("quantity", [ALONG, FORWARD])
+def test_own_limits_along_a_straight_line_bound_the_duration(quantity):
+    """From rest to rest, braking with 6 m/s² and accelerating with 2 m/s²: √(2·100·(1/2 + 1/6)) s."""
+    exact = np.sqrt(200.0 * (1 / 2 + 1 / 6))
+    found = timed(LINE, own={quantity: (-6.0, 2.0)})
+    np.testing.assert_allclose(found.duration, exact, rtol=1e-3)
+    assert 0.0 < float(found.gap) < 1e-3
+    assert float(found.duration) * (1 - float(found.gap)) <= exact * (1 + 1e-6)
+
+
+@pytest.mark.parametrize("quantity", [ALONG, FORWARD])
+def test_own_limits_raise_the_lower_bound_on_the_duration(quantity):
+    """The bound is that of the relaxed timing with the limit, which is above the one of the other limits."""
+    others = {"speed": 15.0, "lateral_acceleration": 3.0}
+    free = timed(ROUTE, **others, own={SIZE: 60.0})
+    found = timed(ROUTE, **others, own={quantity: (-3.0, 1.0)})
+    assert float(found.duration) > 1.05 * float(free.duration)
+    assert float(found.gap) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("function", "unit", "linear"),
+    [
+        (lambda p: p.velocity.dot(p.acceleration) / p.speed, "m/s^2", True),
+        (lambda p: 2 * p.acceleration[0] + p.velocity[2] * p.acceleration[2] / p.speed, "m/s^2", True),
+        (lambda p: p.velocity.cross(p.acceleration)[2] / p.speed, "m/s^2", True),
+        (lambda p: p.acceleration.norm(), "m/s^2", False),
+        (lambda p: abs(p.acceleration[0]), "m/s^2", False),
+        (lambda p: p.acceleration[0] ** 2 / p.acceleration.norm(), "m/s^2", False),
+        (lambda p: p.velocity.dot(p.acceleration), "m^2/s^3", False),
+        (lambda p: p.acceleration[2] + p.vehicle.gravity, "m/s^2", False),
+    ],
+)
+def test_quantities_that_are_linear_in_the_acceleration_are_known(function, unit, linear):
+    found = qt.Quantity("mine", unit, function)
+    assert is_linear(found.entries["mine"]) == linear
 
 
 def test_braking_power_on_a_straight_line_is_the_closed_form():

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any
 
-from qtraj.path.formula import CROSS, JERK, VELOCITY
+from qtraj.path.formula import ACCELERATION, CROSS, JERK, VELOCITY
 from qtraj.path.product import Factor, Product
 from qtraj.path.product_vector import Basic
 
@@ -107,6 +107,30 @@ def time_degree(entry: Any) -> Fraction | None:
     if formula is None or any(f.kind == "parameter" and f.parts[0] == "gravity" for f in formula.factors()):
         return None
     return formula.degree(lambda f: Fraction(sum(v[1] for v in _derivatives_in(f))))
+
+
+def is_linear(entry: Any) -> bool:
+    """Return whether an own quantity is linear in the acceleration, with a factor that depends only on the direction.
+
+    Examples are v·a/|v| and a component of the acceleration.
+    """
+    return time_degree(entry) == 2 and _is_linear(entry.own.formula)
+
+
+def _is_linear(formula: Product) -> bool:
+    """Return whether a formula is linear in the acceleration; its other factors are of the velocity or constant."""
+    bent = [(f, e) for f, e in formula.exponents.items() if any(v != VELOCITY for v in vectors_in(_leaves(f)))]
+    if len(bent) != 1 or bent[0][1] != 2:
+        return False
+    f = bent[0][0]
+    if f.kind == "sum":
+        return all(_is_linear(term) for term in f.terms)
+    bends = [v for v in f.vectors if v != VELOCITY]
+    return f.kind != "level" and len(bends) == 1 and bends[0] in (ACCELERATION, CROSS)
+
+
+def _leaves(f: Factor) -> set[Factor]:
+    return set().union(*(x.factors() for x in f.terms)) if f.kind == "sum" else {f}
 
 
 def is_zero_at_rest(formula: Product) -> bool:

@@ -22,6 +22,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from qtraj.design.timing.constraints import STANDING, Constraints
+from qtraj.design.timing.linear_formulas import linear_limits
 from qtraj.design.timing.program import Program
 from qtraj.design.timing.road import LOADS, POWER_SIDES, ROAD
 from qtraj.foundation.namespace import namespace
@@ -114,7 +115,9 @@ def _slopes(c: Constraints, a: Nodes) -> tuple[Nodes, Nodes]:
         left = 1 - np.where(limited & (rest <= STRAIGHT * aa), 0.0, rest) * a**2
         low, high = _within(low, high, limited | (left < 0), -a * ab / size, left / size)
     bends = np.zeros((len(c.sides), *a.shape)) if c.bends is None else c.bends.values(a)[0]
-    for (shift, p, q), bend in zip(c.sides, bends, strict=True):
+    own = np.zeros((0, 3, *a.shape)) if c.formulas is None else linear_limits(c.formulas).sides()
+    bends = np.concatenate([bends, np.zeros((len(own), *a.shape))])
+    for (shift, p, q), bend in zip(np.concatenate([c.sides, own]), bends, strict=True):
         limited, rest = np.abs(q) * a > 1, 1 - shift - bend - p * a
         slope = rest / np.where(limited, q, 1.0)
         low = np.where(limited & (q < 0), np.maximum(low, slope), np.where(~limited & (rest < 0), np.inf, low))

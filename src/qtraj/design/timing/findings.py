@@ -48,6 +48,18 @@ def worst_cell(codes: Int[Any, "limits cells"], usage: Float[Any, "limits cells"
     return xp.argmax(xp.where(undefined(codes), np.inf, usage), axis=1)
 
 
+def undecided_cell(
+    codes: Int[np.ndarray, "limits cells"], usage: Float[np.ndarray, "limits cells"], worst: Int[np.ndarray, " limits"]
+) -> Int[np.ndarray, " limits"]:
+    """Return the undecided cell of the largest usage of each limit, or the `worst` cell without one.
+
+    Only in such a cell can the limit be violated if it is violated in none of the others. Samples in a proved cell next
+    to it may be larger than those in it.
+    """
+    open_ = (codes == UNDECIDED) & ~(codes == BROKEN).any(axis=1, keepdims=True)
+    return np.where(open_.any(axis=1), np.argmax(np.where(open_, usage, -np.inf), axis=1), worst)
+
+
 def certificate(
     codes: Int[Any, "limits cells"],
     times: Float[Any, " limits"],

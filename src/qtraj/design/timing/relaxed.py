@@ -14,6 +14,7 @@ from jaxtyping import Float
 from qtraj.design.by_speed import BySpeed
 from qtraj.design.timing.constraints import Parts, parts
 from qtraj.design.timing.formula_limits import is_jerk
+from qtraj.design.timing.linear_formulas import linear_limits
 from qtraj.design.varying import strictest
 from qtraj.path.quantity import COMBINED
 
@@ -104,7 +105,7 @@ def _of_bodies(r: Float[np.ndarray, "3 bodies 3 samples"], task: Task) -> tuple[
         found, pace = parts(own, one, bounds, task.vehicle), np.sqrt(squared_norm(own[0])) if task.others else whole
         slowest.append(_inverse_rates(found))
         share = np.divide(whole, pace, out=np.full(whole.shape, np.inf), where=pace > 0) if task.others else one
-        limits.append(_accelerations(found, bounds, pace) * share)
+        limits.append(_accelerations(found, bounds, pace, slowest[-1]) * share)
     return np.max(slowest, axis=0), np.min(limits, axis=0)
 
 
@@ -140,10 +141,12 @@ def _inverse_rates(p: Parts) -> Float[np.ndarray, " samples"]:
     return np.max(rows, axis=0)
 
 
-def _accelerations(p: Parts, bounds: dict[str, Any], pace: Float[np.ndarray, " samples"]) -> Any:
+def _accelerations(
+    p: Parts, bounds: dict[str, Any], pace: Float[np.ndarray, " samples"], slowest: Float[np.ndarray, " samples"]
+) -> Any:
     """Return upper bounds on the acceleration and on the deceleration along the path [m/s²], or infinity.
 
-    A limit that does not allow zero counts as zero.
+    `slowest` are the inverses of the upper bounds on a = u̇². A limit that does not allow zero counts as zero.
     """
     both = [np.asarray(bounds[name]) for name in ("longitudinal_acceleration", "acceleration") if name in bounds]
     most = np.empty((2, *pace.shape))
@@ -154,6 +157,9 @@ def _accelerations(p: Parts, bounds: dict[str, Any], pace: Float[np.ndarray, " s
         most[k] = functools.reduce(np.minimum, both, np.maximum(sign * side, 0.0))
         if COMBINED in bounds:
             most[k] = np.minimum(most[k], (bounds[COMBINED].braking if k else bounds[COMBINED].accelerating).loosest(1))
+    if p.formulas is not None:
+        own = linear_limits(p.formulas).accelerations(slowest)
+        most = np.minimum(most, np.maximum(own, 0.0))
     if p.road is None:
         return most
     steady, _, steep = p.road.along
