@@ -134,8 +134,8 @@ def evaluate(
         require_inside(instants, paths.duration, "path")
     if isinstance(frame, RotationMinimizing):
         return _minimizing(task, paths, frame, instants, reuse, devices, vehicle)
-    frame = default_frame(paths) if frame is None else on_stops(paths, frame)
-    work = (paths, frame, vehicle)
+    own: AbstractFrame = default_frame(paths) if frame is None else on_stops(paths, frame)
+    work = (paths, own, vehicle)
     if vehicle is not None and vehicle.on_changing_road:
         _require_host(task, work, instants, devices)
     reused = _reused_arrays(reuse, task, (*rows, instants.shape[-1]))
@@ -145,7 +145,7 @@ def evaluate(
     else:
         traced = is_traced(work, instants)
         values = run(task, work, instants, None if traced else devices, traced, reused)
-    form: Any = {"batched": task.batched, "components": components, "frame": frame.name, "axes": axes}
+    form: Any = {"batched": task.batched, "components": components, "frame": own.name, "axes": axes}
     if task.reduce is not None:
         return Reduced(*values, reduction=task.reduce, **form)
     return Table(time=instants, **values, **form)
