@@ -80,6 +80,7 @@ def test_the_cyclic_chain_is_solved_as_a_dense_matrix():
         cyclic = chain.Chain(diagonal, lower, chain.Border(whole[0, :, 0], side))
         solver = cyclic.solver()
         assert (solver is not None) == positive
+        assert (cyclic.indefinite_block() is None) == positive
         if positive:
             found = solver(right)
             known = np.linalg.solve(whole.reshape(n * b, n * b), right.ravel()).reshape(n, b)
@@ -87,6 +88,24 @@ def test_the_cyclic_chain_is_solved_as_a_dense_matrix():
             np.testing.assert_allclose(cyclic.product(found), right, rtol=0, atol=1e-12)
             more = cyclic.shifted(np.full((n, b), 0.7))
             np.testing.assert_allclose(more.product(found), right + 0.7 * found, rtol=0, atol=1e-12)
+
+
+def test_the_indefinite_block_is_the_last_of_a_leading_part_with_a_negative_eigenvalue():
+    rng = np.random.default_rng(3)
+    n, b, k = 7, 3, 4
+    diagonal, lower = np.tile(9.0 * np.eye(b), (n, 1, 1)), rng.uniform(-1, 1, (n - 1, b, b))
+    own = chain.Chain(diagonal, lower)
+    assert own.indefinite_block() is None
+    diagonal[k, 1, 1] = -2.0
+    assert own.indefinite_block() == k
+    shift = np.zeros((n, b))
+    shift[k] = 20.0
+    assert own.shifted(shift).indefinite_block() is None
+    side = np.zeros((n, b, b))
+    diagonal[k, 1, 1], diagonal[0], lower[0] = 9.0, np.eye(b), 0.0
+    for corner, expected in ((9.0, None), (-1.0, 0)):
+        cyclic = chain.Chain(diagonal, lower, chain.Border(corner * np.eye(b), side))
+        assert cyclic.indefinite_block() == expected
 
 
 def test_derivatives_are_those_of_automatic_differentiation():

@@ -10,6 +10,7 @@ from scipy.interpolate import CubicSpline
 from tests.design.test_tune_route import drive
 
 import qtraj as qt
+from qtraj.design.tuning_route import rounds
 from qtraj.design.tuning_route.remedy import reached
 from qtraj.foundation.outcome import ResultCode
 
@@ -78,6 +79,24 @@ def test_the_fastest_route_along_curved_constraints(lateral):
     assert best.certificate.holds
     assert best.iterations < 150
     assert best.objective < 4.1043
+
+
+@pytest.mark.parametrize("indefinite", [False, True])
+def test_the_second_search_runs_only_where_it_differs_from_the_first_one(monkeypatch, indefinite):
+    """Both searches together take no more steps than one may take."""
+    calls = []
+
+    def solved(task, begin=None):
+        calls.append(task)
+        return SimpleNamespace(
+            proved=task.convex, exhausted=False, indefinite=indefinite, steps=7, _replace=lambda steps: steps
+        )
+
+    monkeypatch.setattr(rounds, "_solved", solved)
+    task = rounds.Task(*[None] * 5, most=20)
+    result = rounds._attempted(task, None)
+    assert [(own.convex, own.most) for own in calls] == [(False, 20), (True, 13)][: 1 + indefinite]
+    assert (result == 14) == indefinite
 
 
 def test_advice_does_not_reduce_other_limits():

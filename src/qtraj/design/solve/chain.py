@@ -69,6 +69,17 @@ class Chain(NamedTuple):
 
         return solve
 
+    def indefinite_block(self) -> int | None:
+        """Return the block where the Cholesky factorisation fails; None if the matrix is positive definite.
+
+        It is the last block of the shortest leading part of the matrix that is not positive definite. In a cyclic
+        system, block 0 comes last.
+        """
+        row = _failing_row(_band(self.diagonal, self.lower))
+        if row is not None:
+            return row // self.diagonal.shape[1]
+        return None if self.border is None or self.solver() is not None else 0
+
     def product(self, x: Float[Any, "n b"]) -> Float[Any, "n b"]:
         """Return the product of the matrix and a vector, in NumPy or JAX."""
         none = xp.zeros_like(x[:1])
@@ -113,6 +124,16 @@ def _factored(band: Float[np.ndarray, "rows 2b"]) -> Callable[[np.ndarray], np.n
         return lapack.dpbtrs(factor, columns, lower=1)[0].reshape(right.shape)  # pyright: ignore[reportAttributeAccessIssue]
 
     return solve
+
+
+def _failing_row(band: Float[np.ndarray, "rows 2b"]) -> int | None:
+    """Return the row where the Cholesky factorisation fails, 0 if there are NaNs, or None if it succeeds."""
+    from scipy.linalg import lapack
+
+    if not np.isfinite(band).all():
+        return 0
+    info = lapack.dpbtrf(band.T, lower=1, overwrite_ab=1)[1]  # pyright: ignore[reportAttributeAccessIssue]
+    return info - 1 if info else None
 
 
 def _factored_with_pivots(band: Float[np.ndarray, "rows 2b"]) -> Callable[[np.ndarray], np.ndarray] | None:

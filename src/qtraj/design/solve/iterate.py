@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from qtraj.design.solve.program import PerConstraint, Variables
+from qtraj.design.solve.program import PerConstraint, Shift, Variables
 
 
 class Iterate(NamedTuple):
@@ -25,12 +25,13 @@ class Iterate(NamedTuple):
 class Search:
     """The state of a search; it is `done` if the tolerance is reached, and `stuck` if no step makes progress.
 
-    `hopeless`: the constraints seem to contradict each other.
+    `hopeless`: the constraints seem to contradict each other. `indefinite`: a matrix was not positive definite while
+    constraints were violated by much, which is where convex matrices make a difference (see `Rules`).
     """
 
     at: Iterate
     mu: float
-    shift: float = 0.0
+    shift: Shift = 0.0
     penalty: float = 1.0
     error: float = np.inf
     steps: int = 0
@@ -38,6 +39,7 @@ class Search:
     done: bool = False
     stuck: bool = False
     hopeless: bool = False
+    indefinite: bool = False
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,8 @@
 The inequalities g(z) ≤ 0 are written as g(z) + s = 0 with slacks s. A logarithmic barrier with the parameter μ → 0
 keeps the slacks positive (Nocedal and Wright, *Numerical Optimization*, chapter 19; Wächter and Biegler,
 *Math. Program.* 106, 2006, sections 2 and 3). Second derivatives are exact. If the matrix is not positive definite, a
-multiple of the identity is added. A line search on the merit function f − μΣ ln s + ν Σ|g + s|, with the objective f
-and the penalty ν, ensures progress.
+multiple of the identity or of a part of it is added (see `positive_shift`). A line search on the merit function
+f − μΣ ln s + ν Σ|g + s|, with the objective f and the penalty ν, ensures progress.
 
 Some constraints may be elastic (see `elastic`). The inequalities are values(z) ≤ margins. The problem enters only
 through the methods of `Program` and `Linear`, so the structure of its matrix does not matter here.
@@ -16,16 +16,14 @@ import numpy as np
 
 from qtraj.design.solve.elastic import barrier, closed, elastic_newton, gaps_of, relaxed, stiffness
 from qtraj.design.solve.iterate import Iterate, Rules, Search, Step
-from qtraj.design.solve.program import Linear, PerConstraint, Program, Solver, Variables
+from qtraj.design.solve.positive_shift import positive_shift
+from qtraj.design.solve.program import Linear, PerConstraint, Program, Shift, Solver, Variables
 
 TOLERANCE = 1e-7
 """The search ends if no residual of the optimality conditions is larger than this."""
 
 LEAST_SLACK = 0.1
 """Lower bound on the initial slacks."""
-
-SHIFT, MOST_SHIFT = 1e-6, 1e10
-"""The first and the largest multiple of the identity that is added to the second derivatives."""
 
 TRIALS = 14
 """Maximum number of step sizes, each half of the previous one."""
@@ -114,7 +112,7 @@ def residual(at: Iterate, linear: Linear, mu: float) -> float:
     return max(_size(linear.residual) / scale, _size(gaps_of(at, linear.values)), products / scale)
 
 
-def newton(at: Iterate, linear: Linear, mu: float, shift: float = 0.0, indefinite: bool = False) -> Step | None:
+def newton(at: Iterate, linear: Linear, mu: float, shift: Shift = 0.0, indefinite: bool = False) -> Step | None:
     """Return the Newton step for the barrier parameter `mu`, or None if the matrix is not positive definite.
 
     `shift` is added to the diagonal of the matrix. With `indefinite`, the result is None only for a singular matrix.
@@ -151,14 +149,17 @@ def _iteration(program: Program, search: Search, rules: Rules) -> Search:
     if search.done:
         return search
     step = newton(search.at, linear, search.mu)
-    shift = 0.0
-    if step is None and rules.convex and np.max(np.abs(gaps_of(search.at, linear.values))) > APART:
-        if search.steps >= REACHED and not search.renewals:
-            return replace(search, hopeless=True)
-        linear = _convex(program, search.at)
-        step = newton(search.at, linear, search.mu)
+    shift: Shift = 0.0
+    if step is None and np.max(np.abs(gaps_of(search.at, linear.values))) > APART:
+        search = replace(search, indefinite=True)
+        if rules.convex:
+            if search.steps >= REACHED and not search.renewals:
+                return replace(search, hopeless=True)
+            linear = _convex(program, search.at)
+            step = newton(search.at, linear, search.mu)
     if step is None:
-        step, shift = _shifted_step(search, linear)
+        shift = positive_shift(linear, search.shift, search.mu)
+        step = newton(search.at, linear, search.mu, shift)
     search = replace(search, shift=shift)
     return replace(search, stuck=True) if step is None else _stepped(program, search, linear, step, rules)
 
@@ -194,15 +195,6 @@ def _convex(program: Program, at: Iterate) -> Linear:
     short steps towards constraints that are violated by much make the multipliers grow.
     """
     return program.linearise(at.z, np.zeros_like(at.multipliers), stiffness(program, at))
-
-
-def _shifted_step(search: Search, linear: Linear) -> tuple[Step | None, float]:
-    """Increase the shift until the matrix is positive definite; return the Newton step and the shift."""
-    step, shift = None, 0.0
-    while step is None and shift < MOST_SHIFT:
-        shift = 8.0 * shift if shift > 0 else max(SHIFT, search.shift / 3)
-        step = newton(search.at, linear, search.mu, shift)
-    return step, shift
 
 
 def _stepped(program: Program, search: Search, linear: Linear, step: Step, rules: Rules) -> Search:

@@ -18,6 +18,9 @@ Variables = Float[np.ndarray, "groups size"]
 PerConstraint = Float[np.ndarray, " m"]
 """One number for each constraint."""
 
+Shift = float | Float[np.ndarray, " groups"]
+"""What is added to the diagonal entries of the variables: one number, or one for each group."""
+
 Solver = Callable[[Variables], Variables]
 """Returns the solution of a linear system with a factorised matrix."""
 
@@ -73,12 +76,16 @@ class Linear(Protocol):
         """Return the changes of the linearised constraints for a change of the variables."""
         ...
 
-    def solver(self, shift: float = 0.0, indefinite: bool = False) -> Solver | None:
+    def solver(self, shift: Shift = 0.0, indefinite: bool = False) -> Solver | None:
         """Return a function that solves systems with the matrix, or None if the matrix is not positive definite.
 
-        `shift` is added to the diagonal entries of free variables. With `indefinite`, the result is None only for a
-        singular matrix.
+        `shift`, one number or one for each group, is added to the diagonal entries of free variables. With
+        `indefinite`, the result is None only for a singular matrix.
         """
+        ...
+
+    def indefinite_group(self, shift: Shift) -> int | None:
+        """Return the group where the factorisation of the shifted matrix fails; None if it is positive definite."""
         ...
 
     def completed(self, dz: Variables) -> Variables:

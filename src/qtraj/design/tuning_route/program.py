@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from qtraj.design.solve.program import PerConstraint, Solver, Variables
+from qtraj.design.solve import chain
+from qtraj.design.solve.program import PerConstraint, Shift, Solver, Variables
 from qtraj.design.tuning_route import assembly, circuit, margins
 from qtraj.design.tuning_route.assembly import Local
 from qtraj.design.tuning_route.constraints import Expansion, bounds, expand, order_of, values
@@ -125,14 +126,23 @@ class Linear:
         found = [assembly.pushed(part, self.expansion.part(k), change.part(k)) for k, part in self.program.groups]
         return self.program.flat(*joined(problem, found))
 
-    def solver(self, shift: float = 0.0, indefinite: bool = False) -> Solver | None:
+    def solver(self, shift: Shift = 0.0, indefinite: bool = False) -> Solver | None:
         """Return a function that solves systems with the matrix, or None if the matrix is not positive definite.
 
-        `shift` is added to the diagonal entries of free variables. With `indefinite`, the result is None only for a
-        singular matrix.
+        `shift`, one number or one for each joint, is added to the diagonal entries of free variables. With
+        `indefinite`, the result is None only for a singular matrix.
         """
-        matrix = self.matrix if shift == 0 else self.matrix.shifted(shift * self.program.problem.free)
-        return matrix.solver(indefinite)
+        return self._shifted(shift).solver(indefinite)
+
+    def indefinite_group(self, shift: Shift) -> int | None:
+        """Return the joint where the factorisation of the shifted matrix fails; None if it is positive definite."""
+        return self._shifted(shift).indefinite_block()
+
+    def _shifted(self, shift: Shift) -> chain.Chain:
+        if not np.any(shift):
+            return self.matrix
+        free = self.program.problem.free
+        return self.matrix.shifted(np.broadcast_to(shift, len(free))[:, None] * free)
 
     def completed(self, dz: Variables) -> Variables:
         """Return a solution with the variables that repeat others."""

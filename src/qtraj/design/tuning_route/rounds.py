@@ -8,6 +8,7 @@ solution.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -98,7 +99,7 @@ class Found(NamedTuple):
 
     `optimal`: whether the last search converged. `exhausted`: whether a search stopped because no steps were left.
     `at`: the last iterate; None if there was no search. `problem`: the problem of the last search. `missed` (limits +
-    2, segments): the limits that cannot be satisfied on a segment together with the others; None if all are.
+    2, segments): the limits that cannot be satisfied together on a segment, or None. `indefinite`: see `Search`.
     """
 
     z: Any
@@ -110,6 +111,7 @@ class Found(NamedTuple):
     exhausted: bool = False
     at: Iterate | None = None
     missed: np.ndarray | None = None
+    indefinite: bool = False
 
 
 def solved(task: Task, begins: list[Any], rank: Callable[[Found], Any]) -> Found:
@@ -127,12 +129,12 @@ def solved(task: Task, begins: list[Any], rank: Callable[[Found], Any]) -> Found
 def _attempted(task: Task, begin: np.ndarray | None) -> Found:
     """Return the result of a search, and of a second one with convex matrices if the first one found no proved route.
 
-    The second one also reaches routes that are far from the original one.
+    The second one also reaches routes that are far away. It is omitted where it would repeat the first one.
     """
     found = _solved(task, begin=begin)
-    if found.proved or found.exhausted:
+    if found.proved or found.exhausted or not found.indefinite or found.steps >= task.most:
         return found
-    other = _solved(task._replace(convex=True), begin=begin)
+    other = _solved(task._replace(convex=True, most=task.most - found.steps), begin=begin)
     return (other if other.proved else found)._replace(steps=found.steps + other.steps)
 
 
@@ -211,7 +213,7 @@ def _solved(
         if price is not None and not _violated(program, at).any():
             price, at = None, at._replace(excess=None)
         program = RouteProgram(problem, price)
-        state = Search(at, ROUGH, steps=state.steps, hopeless=state.hopeless)
+        state = replace(Search(at, ROUGH), steps=state.steps, hopeless=state.hopeless, indefinite=state.indefinite)
     while True:
         rules = _rules(task, program, factor * (1 - SAFETY * 2.0**k), LEAST, first=k == 0)
         if k:
@@ -224,8 +226,8 @@ def _solved(
             missed &= unproved_
         open_ = unproved_ & ~missed
         exhausted = state.steps >= most and not (state.done or state.stuck or state.hopeless)
-        found = Found(state.at.z, judged, not open_.any(), state.steps, problem, state.done, exhausted, state.at)
-        found = found._replace(missed=missed if missed.any() else None)
+        last = missed if missed.any() else None, state.indefinite
+        found = Found(state.at.z, judged, not open_.any(), state.steps, problem, state.done, exhausted, state.at, *last)
         given_up = state.steps >= most or state.hopeless or not np.isfinite(judged.distances).all()
         if found.proved or k == ROUNDS or given_up:
             return found
@@ -270,7 +272,7 @@ def _again(program: RouteProgram, state: Search, rules: Rules, mu: float) -> Sea
     at = state.at
     margins = np.minimum(at.margins, program.refreshed(at.z, at.margins) * rules.factor)
     at = nonconvex.restarted(program, at._replace(margins=margins), mu)
-    return Search(at, mu, steps=state.steps, renewals=FREE)
+    return Search(at, mu, steps=state.steps, renewals=FREE, indefinite=state.indefinite)
 
 
 def _smoothed(problem: RouteProblem, z: np.ndarray) -> RouteProblem:
