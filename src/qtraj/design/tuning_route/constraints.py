@@ -40,12 +40,7 @@ def time_powers(names: tuple[str, ...]) -> Float[np.ndarray, " limits"]:
 
 def _power(name: str) -> float:
     """Return the exponent of value/limit in a constraint."""
-    return 1.0 if _is_signed(quantity(name)) else -2.0 if quantity(name).lower else 2.0
-
-
-def _is_signed(entry: PathQuantity) -> bool:
-    """Return whether the ratio of the entry is a signed value, not a square."""
-    return entry.signed is not None
+    return 1.0 if quantity(name).signed is not None else -2.0 if quantity(name).lower else 2.0
 
 
 def relative(
@@ -108,7 +103,7 @@ def _ratio(entry: PathQuantity, i: Invariants, shift: Any, by_speed: WithSpeed |
     if by_speed is not None:
         return _ratio_by_speed(entry, i, by_speed, h)
     above, below = entry.numerator(i), 1.0 if entry.denominator is None else entry.denominator(i)
-    if _is_signed(entry):
+    if entry.signed is not None:  # the ratio is a signed value, not a square
         return entry.side * above / below + (shift * (h * h) if entry.name == LEAST_LOAD else shift)
     return below / above if entry.lower else above / below
 
@@ -118,7 +113,7 @@ def _ratio_by_speed(entry: PathQuantity, i: Invariants, limit: WithSpeed, h: Any
     if isinstance(limit, SpeedEllipse):
         return limit.square(i, i.S * per_time) * (per_time * per_time)
     found, most = _ratio(entry, i, 0.0, None, h), limit.at(i.S * per_time)
-    return found / most if _is_signed(entry) else found / (most * most)
+    return found / most if entry.signed is not None else found / (most * most)
 
 
 def road_at(problem: RouteProblem, nodes: int) -> Any:
@@ -169,9 +164,7 @@ def near(away: Float[Any, "3 nodes n"], tube: Float[Any, "2 nodes n"]) -> Float[
     return xp.stack([away[0] ** 2 + away[1] ** 2, away[2] ** 2]) / tube
 
 
-def values(
-    problem: RouteProblem, s: Segments, fine: bool = False, parts: list[tuple[Any, RouteProblem]] | None = None
-) -> Float[Any, "constraints nodes n"]:
+def values(problem: RouteProblem, s: Segments, fine: bool = False, parts: Any = None) -> Float[Any, "_ nodes n"]:
     """Return the squares of all limited quantities and of both distances, relative to their bounds.
 
     `parts` are the indices and the problems of the groups of segments; by default they are computed.

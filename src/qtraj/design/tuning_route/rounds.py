@@ -44,13 +44,9 @@ ROUGH, SMOOTHING = 1e-3, 1e-3
 the search adds a term proportional to the integral of the squared jerk once the barrier parameter has reached `ROUGH`.
 At that point the term is the fraction `SMOOTHING` of the duration."""
 
-PRICES = (3e2, 3e3)
-"""The prices of violations, one after the other, if the limits contradict each other: with a high price from the start,
-the steps of the search would be short."""
-
-SHARP = 1e-4
-"""The barrier parameter at the start of the search with the second price, relative to this price: with a larger one,
-the search would first move away from the solution for the first price."""
+PRICES, SHARP = (3e2, 3e3), 1e-4
+"""The prices of violations, one after the other, if the limits contradict each other (steps with a high price are short
+far from the solution), and the first barrier parameter of the second search, relative to its price."""
 
 VIOLATED = 1e-5
 """A limit counts as violated if the squared quantity exceeds the squared limit by more than this fraction of it."""
