@@ -27,6 +27,10 @@ x = {key = "start.speed", range = [3.0, 9.0], tolerance = 1.0, steps = 2}
 y = {key = "radius", range = [10.0, 40.0], tolerance = 5.0, steps = 2}
 """
 
+COARSE = BASE.replace("steps = 2", "steps = 1").replace("[limits]", "[tune]\nstarts = 1\n[limits]")
+COARSE = COARSE.replace("tolerance = 1.0", "tolerance = 9.0").replace("tolerance = 5.0", "tolerance = 40.0")
+"""The scenario with few points and one start for each."""
+
 
 @pytest.fixture(scope="module")
 def default(qtraj, tmp_path_factory):
@@ -118,11 +122,17 @@ THIRD = """z = {key = "limits.speed", values = [0.001, 20.0]}
 """
 
 
-def test_a_third_key_has_an_atlas_for_each_value_and_a_report(qtraj, tmp_path):
+@pytest.fixture(scope="module")
+def infeasible(qtraj, tmp_path_factory):
+    """The atlas of the first value of the third key, and its folder."""
+    folder = tmp_path_factory.mktemp("infeasible")
+    (folder / "s.toml").write_text(COARSE.replace("[limits]", "[limits]\nspeed = 0.001"))
+    return qtraj("atlas", folder / "s.toml", "--out", folder / "out"), folder / "out"
+
+
+def test_a_third_key_has_an_atlas_for_each_value_and_a_report(qtraj, infeasible, tmp_path):
     """Each is the atlas of a scenario with this value; at a walking pace of 1 mm/s nothing is feasible."""
-    text = BASE.replace("steps = 2", "steps = 1").replace("[limits]", "[tune]\nstarts = 1\n[limits]")
-    text = text.replace("tolerance = 1.0", "tolerance = 9.0").replace("tolerance = 5.0", "tolerance = 40.0")
-    (tmp_path / "s.toml").write_text(text + THIRD)
+    (tmp_path / "s.toml").write_text(COARSE + THIRD)
     result = qtraj("atlas", tmp_path / "s.toml", "--json", "--out", tmp_path / "out")
     assert result.exit_code == 0
     content = json.loads(result.stdout)
@@ -136,8 +146,7 @@ def test_a_third_key_has_an_atlas_for_each_value_and_a_report(qtraj, tmp_path):
         assert data.attrs["third_key"] == "limits.speed = 20 m/s"
     page = (tmp_path / "out" / "report.html").read_text()
     assert page.count("<img") == 2
-    (tmp_path / "one.toml").write_text(text.replace("curvature = 0.1", "curvature = 0.1\nspeed = 0.001"))
-    alone = atlas_task(read_scenario(tmp_path / "one.toml", "atlas")).computed()
+    alone = qt.load(infeasible[1] / "atlas.json")
     np.testing.assert_array_equal(alone.status, atlases[0].status)
 
 
@@ -163,9 +172,7 @@ def test_bad_third_keys_are_refused(qtraj, tmp_path, old, new, message):
     assert not (tmp_path / "out").exists()
 
 
-def test_an_atlas_without_a_feasible_point_exits_with_1(qtraj, tmp_path):
-    text = BASE.replace("[limits]", "[tune]\nstarts = 1\n[limits]\nspeed = 0.001").replace("steps = 2", "steps = 1")
-    (tmp_path / "s.toml").write_text(text)
-    result = qtraj("atlas", tmp_path / "s.toml", "--out", tmp_path / "out")
+def test_an_atlas_without_a_feasible_point_exits_with_1(infeasible):
+    result, _ = infeasible
     assert result.exit_code == 1
     assert "infeasible" in result.stdout
