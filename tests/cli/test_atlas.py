@@ -27,8 +27,12 @@ x = {key = "start.speed", range = [3.0, 9.0], tolerance = 1.0, steps = 2}
 y = {key = "radius", range = [10.0, 40.0], tolerance = 5.0, steps = 2}
 """
 
-COARSE = BASE.replace("steps = 2", "steps = 1").replace("[limits]", "[tune]\nstarts = 1\n[limits]")
-COARSE = COARSE.replace("tolerance = 1.0", "tolerance = 9.0").replace("tolerance = 5.0", "tolerance = 40.0")
+COARSE = (
+    BASE.replace("steps = 2", "steps = 1")
+    .replace("[limits]", "[tune]\nstarts = 1\n[limits]")
+    .replace("tolerance = 1.0", "tolerance = 9.0")
+    .replace("tolerance = 5.0", "tolerance = 40.0")
+)
 """The scenario with few points and one start for each."""
 
 
