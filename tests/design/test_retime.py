@@ -272,7 +272,7 @@ def test_a_slowed_timing_is_not_called_the_fastest(monkeypatch):
     monkeypatch.setattr(search, "_satisfied", lambda *a: (*satisfied(*a)[:2], jnp.asarray(np.inf)))
     timed = qt.retime(STRAIGHT, qt.Limits(speed=9.0, longitudinal_acceleration=2.0), knots=KNOTS)
     assert timed.code == qt.ResultCode.not_converged
-    assert "another tolerance" in timed.result
+    assert "Try a larger tolerance, or more knots" in timed.result
 
 
 def test_a_speed_that_cannot_be_reached_is_told():

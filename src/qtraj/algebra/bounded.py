@@ -92,8 +92,8 @@ class BoundedPolynomial:
     def consolidated(self) -> BoundedPolynomial:
         """Return the same polynomials and bounds, with more roundings and majorants near the sizes of the coefficients.
 
-        The ratio of majorant to coefficient of a power is the power of the ratio; the number of roundings is only
-        multiplied. So powers of polynomials whose terms cancel have smaller bounds.
+        In a power pⁿ, the ratio of majorant to coefficient is raised to n, but the number of roundings is only
+        multiplied by n. So powers of polynomials whose terms cancel have smaller bounds.
         """
         return BoundedPolynomial(self.c, np.abs(self.c) + self.m / CONSOLIDATION, CONSOLIDATION * self.k)
 

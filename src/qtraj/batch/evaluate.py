@@ -26,7 +26,7 @@ from qtraj.foundation.types import ArrayInput
 from qtraj.motion.attitude import AbstractProgram
 from qtraj.motion.programs.rotation_minimizing import Frame, RotationMinimizing, require_initial
 from qtraj.path.channel import CHANNELS
-from qtraj.path.driving import default_frame, on_stops, require_one_direction
+from qtraj.path.driving import default_frame, require_one_direction
 from qtraj.path.frame_axes import MINIMIZING
 from qtraj.path.hodograph import AbstractHodograph, path_advice
 from qtraj.path.own_name import name_of
@@ -64,10 +64,9 @@ def evaluate(
 
     `frame` is the frame along the path: `Natural()`, `Upright()`, `Driving.along(route)`, `ThrustAligned()` or
     `RotationMinimizing()`. The default is `Driving` for a single concrete route that stops, `Upright()` for any other
-    route, and `Natural()` for any other path. `Upright()` also holds the heading at the stops of such a route, unless
-    the route reverses. The frame determines the labels of `to_xarray()`, such as tangent, normal, binormal, or forward,
-    left, up. The first non-zero component of every quaternion is positive. With `continuous=True`, and always for a
-    rotation-minimizing frame, the signs are continuous in time instead.
+    route, and `Natural()` for any other path. The frame determines the labels of `to_xarray()`, such as tangent,
+    normal, binormal, or forward, left, up. The first non-zero component of every quaternion is positive. With
+    `continuous=True`, and always for a rotation-minimizing frame, the signs are continuous in time instead.
 
     `axes` are the axes of `rate`, `angular_acceleration`, `force` and `moment`: "body" for the frame's own axes, or
     "inertial" for world axes.
@@ -134,8 +133,8 @@ def evaluate(
         require_inside(instants, paths.duration, "path")
     if isinstance(frame, RotationMinimizing):
         return _minimizing(task, paths, frame, instants, reuse, devices, vehicle)
-    own: AbstractFrame = default_frame(paths) if frame is None else on_stops(paths, frame)
-    work = (paths, own, vehicle)
+    frame = default_frame(paths) if frame is None else frame
+    work = (paths, frame, vehicle)
     if vehicle is not None and vehicle.on_changing_road:
         _require_host(task, work, instants, devices)
     reused = _reused_arrays(reuse, task, (*rows, instants.shape[-1]))
@@ -145,7 +144,7 @@ def evaluate(
     else:
         traced = is_traced(work, instants)
         values = run(task, work, instants, None if traced else devices, traced, reused)
-    form: Any = {"batched": task.batched, "components": components, "frame": own.name, "axes": axes}
+    form: Any = {"batched": task.batched, "components": components, "frame": frame.name, "axes": axes}
     if task.reduce is not None:
         return Reduced(*values, reduction=task.reduce, **form)
     return Table(time=instants, **values, **form)

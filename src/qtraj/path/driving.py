@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from qtraj.algebra.polynomial import taylor_terms
 from qtraj.algebra.vector import cross
-from qtraj.foundation.arrays import as_float, concrete, is_traced, real_scalar, real_vector
+from qtraj.foundation.arrays import as_float, concrete, real_scalar, real_vector
 from qtraj.foundation.document import storable
 from qtraj.foundation.namespace import xp
 from qtraj.foundation.shown import shown
@@ -163,21 +163,6 @@ def default_frame(path: AbstractHodograph) -> AbstractFrame:
         return Upright()
     frame = Driving.along(path)
     return frame if np.any(np.asarray(frame.signs)[np.isfinite(np.asarray(frame.starts))] <= 0) else Upright()
-
-
-def on_stops(path: AbstractHodograph, frame: Any) -> Any:
-    """Return `Driving` instead of `Upright` for a route that stops and does not reverse; otherwise `frame` itself.
-
-    `Driving` equals `Upright` while the vehicle moves forwards, and holds the heading at the stops, where `Upright`
-    does not exist. In reverse the two frames differ.
-    """
-    if type(frame) is not Upright or not isinstance(getattr(path, "path", path), Route) or is_traced(frame):
-        return frame
-    if path.driven() is None:
-        return frame
-    driving = Driving.along(path, frame.up)
-    signs = np.asarray(driving.signs)[np.isfinite(np.asarray(driving.starts))]
-    return driving if np.any(signs == 0) and np.all(signs >= 0) else frame
 
 
 def require_moving(path: AbstractHodograph) -> None:

@@ -119,14 +119,14 @@ def is_linear(entry: Any) -> bool:
 
 def _is_linear(formula: Product) -> bool:
     """Return whether a formula is linear in the acceleration; its other factors are of the velocity or constant."""
-    bent = [(f, e) for f, e in formula.exponents.items() if any(v != VELOCITY for v in vectors_in(_leaves(f)))]
-    if len(bent) != 1 or bent[0][1] != 2:
+    changing = [(f, e) for f, e in formula.exponents.items() if any(v != VELOCITY for v in vectors_in(_leaves(f)))]
+    if len(changing) != 1 or changing[0][1] != 2:
         return False
-    f = bent[0][0]
+    f = changing[0][0]
     if f.kind == "sum":
         return all(_is_linear(term) for term in f.terms)
-    bends = [v for v in f.vectors if v != VELOCITY]
-    return f.kind != "level" and len(bends) == 1 and bends[0] in (ACCELERATION, CROSS)
+    higher = [v for v in f.vectors if v != VELOCITY]
+    return f.kind != "level" and len(higher) == 1 and higher[0] in (ACCELERATION, CROSS)
 
 
 def _leaves(f: Factor) -> set[Factor]:

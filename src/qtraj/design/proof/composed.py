@@ -1,4 +1,4 @@
-"""Segments of a route that are curves with a progress (see `qtraj.path.progress`), for proofs in exact integers.
+"""Segments of a route that are curves with a progress (see `qtraj.path.progress`), for proofs.
 
 The velocity is q·w', where q is the derivative of the curve at w(t). The curve is regular, so q does not vanish at a
 stop. Quantities of the shape, such as the curvature, do not depend on the progress: they are proved on the curve
@@ -34,7 +34,8 @@ def composed_source(segments: Segments, rows: np.ndarray, kind: str) -> Directed
         return of_kind(*directed(segments, int(rows[k]), evenly))
 
     positions = (lambda: _positions(segments, rows)), (lambda k: positions_of(segments, int(rows[k]))())
-    floats = of_kind(*_directed(segments, rows, evenly))
+    with np.errstate(all="ignore"):  # after an overflow, nothing is decided in floats
+        floats = of_kind(*_directed(segments, rows, evenly))
     return DirectedSource(
         floats, exact, segments.durations[rows], kind == "component", positions if kind == "path" else None
     )
@@ -47,8 +48,8 @@ def directed(segments: Segments, i: int, evenly: bool = False) -> tuple[Vector, 
         start = ExactPolynomial.of(place.floats()[0])
         place = start + (_at_one(place) - start) * ExactPolynomial([0, 1])
     slope = _slope(segments, i)
-    powers = place.powers(max(len(p.numbers) for p in slope) - 1)
-    return [p.combined(powers) for p in slope], place.derivative()
+    each = place.powers(max(len(p.numbers) for p in slope) - 1)
+    return [p.combined(each) for p in slope], place.derivative()
 
 
 def _directed(segments: Segments, rows: np.ndarray, evenly: bool) -> tuple[list[BoundedPolynomial], BoundedPolynomial]:

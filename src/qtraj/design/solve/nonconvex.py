@@ -16,7 +16,7 @@ import numpy as np
 
 from qtraj.design.solve.elastic import barrier, closed, elastic_newton, gaps_of, relaxed, stiffness
 from qtraj.design.solve.iterate import Iterate, Rules, Search, Step
-from qtraj.design.solve.positive_shift import positive_shift
+from qtraj.design.solve.positive_shift import MOST_SHIFT, positive_shift
 from qtraj.design.solve.program import Linear, PerConstraint, Program, Shift, Solver, Variables
 
 TOLERANCE = 1e-7
@@ -160,6 +160,9 @@ def _iteration(program: Program, search: Search, rules: Rules) -> Search:
     if step is None:
         shift = positive_shift(linear, search.shift, search.mu)
         step = newton(search.at, linear, search.mu, shift)
+        while step is None and (level := float(np.max(shift))) < MOST_SHIFT:  # the solution was not finite
+            shift = 8.0 * level
+            step = newton(search.at, linear, search.mu, shift)
     search = replace(search, shift=shift)
     return replace(search, stuck=True) if step is None else _stepped(program, search, linear, step, rules)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 NOTED = 1e-3
-"""Relative distance from the minimum duration above which the text says how to reduce it."""
+"""Relative distance from the minimum duration above which the text does not call a timing the fastest one."""
 
 
 def fastest_text(time: float, gap: float) -> str:
@@ -14,8 +14,5 @@ def fastest_text(time: float, gap: float) -> str:
         return f"the fastest timing that was found takes {time:.6g} s"
     if gap <= NOTED:
         return f"the fastest timing takes {time:.6g} s (to within {max(100 * gap, 0.001):.2g} %)"
-    shorter = f"up to {100 * gap:.2g} % shorter" if np.isfinite(gap) else "shorter by an unknown time"
-    return (
-        f"the fastest timing on these cells takes {time:.6g} s (the minimum over all timings may be {shorter}: pass a "
-        "smaller tolerance, and no knots)"
-    )
+    known = f"no timing is shorter by more than {100 * gap:.2g} %" if np.isfinite(gap) else "a shorter one may exist"
+    return f"the fastest timing that was found takes {time:.6g} s ({known})"

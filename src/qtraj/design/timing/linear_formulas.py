@@ -18,7 +18,7 @@ from qtraj.path.own_facts import is_linear
 from qtraj.path.quantity import quantity
 
 ROUNDED = 1e-12
-"""A coefficient d below this fraction of its largest possible value consists of rounding errors."""
+"""Coefficients c and d below this fraction of their largest possible values consist of rounding errors."""
 
 
 class LinearLimits(NamedTuple):
@@ -46,11 +46,15 @@ class LinearLimits(NamedTuple):
         return each[0], each[1]
 
     def sides(self) -> Float[Any, "rows 3 *nodes"]:
-        """Return the coefficients of 1, a and a' in functions that are at most 1, as in `Constraints.sides`."""
+        """Return the coefficients of 1, a and a' in functions that are at most 1, as in `Constraints.sides`.
+
+        They are relative to the limits, except those that are not positive.
+        """
         known = np.isfinite(self.most)
-        shift = np.where(known, 1.0 - np.where(known, self.most, 0.0), 0.0)
-        slope = self.along * self.rising
-        return np.stack([shift, *(np.where(known, x, 0.0) for x in (self.across + self.along * self.steady, slope))], 1)
+        most = np.where(known, self.most, 1.0)
+        unit = np.where(most > 0, most, 1.0)
+        rows = (self.across + self.along * self.steady, self.along * self.rising)
+        return np.stack([1.0 - most / unit, *(np.where(known, x / unit, 0.0) for x in rows)], 1)
 
 
 def linear_limits(f: Formulas) -> LinearLimits:
@@ -68,6 +72,9 @@ def linear_limits(f: Formulas) -> LinearLimits:
         c, d = (_value(entry, direction, x, f.vehicle) for x in (direction, normal))
         size = np.sqrt(np.sum(second * second, axis=0)) * np.max(np.abs(c), initial=0.0)
         d = np.where(np.abs(d) > ROUNDED * size, d, 0.0)
+        bent = np.sqrt(np.sum(normal * normal, axis=0))
+        size = np.max(np.abs(np.divide(d, bent, out=np.zeros(d.shape), where=bent > 0)), initial=np.max(np.abs(c)))
+        c = np.where(np.abs(c) > ROUNDED * size, c, 0.0)
         limit = _most(f, k)
         for sign in (entry.side,) if kind == SIGNED else (1, -1):
             along.append(sign * c)

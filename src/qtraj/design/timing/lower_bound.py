@@ -18,7 +18,7 @@ def excess_over_bound(p: Posed, part: Part, ends: Any, rest: tuple[bool, bool], 
     """Return the difference of a duration `time` to a lower bound on the duration of a part [s].
 
     The bound is that of the relaxed timing, on cells of its own: it is close without limits that couple speed and
-    acceleration. The result is infinite if the limits do not bound the acceleration, and for several bodies.
+    acceleration. The result is infinite if the limits do not bound the acceleration.
     """
     shape = shape_of(p.path, part, [path for path, _ in p.others])
     task = task_of(p, ends, part, rest, shape)

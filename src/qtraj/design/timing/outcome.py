@@ -55,16 +55,17 @@ class Retimed(AbstractOutcome):
     - `iterations`: the number of steps of all searches.
     - `vehicle`: the vehicle of limits on friction or power, otherwise None.
     - `of_shape`: whether the original path is a `Shape`, whose parameter is a length [m] and not a time.
-    - `gap`: the relative distance of the duration from the minimum over all timings. With `knots`, it is a bound: the
-      distance from a timing that ignores how limits couple speed and acceleration, infinite if the limits do not bound
-      the acceleration. Otherwise it is as follows. Without a limit that couples speed and acceleration (acceleration,
-      yaw and vertical acceleration, jerk, friction, power), it is an upper bound, except for errors of sampling: the
-      distance from a timing that ignores the coupling. With such a limit it is the smaller one of this bound and of an
-      estimate: the time gained if all cells are halved, and at least as much again for all further halvings. If
-      halvings do not gain less and less, there is no estimate, and `gap` is the bound, which may be far too large. With
-      a limit on jerk, power or an own quantity, the estimate is for the local minimum. NaN if the path or a limit was
-      traced, if the duration was prescribed, or if a limit on the lateral acceleration by speed rises so steeply that
-      faster speeds may be allowed again, which `retime` does not use.
+    - `gap`: the relative distance of the duration from the minimum over all timings. With `knots`, it is an upper
+      bound, except for errors of sampling: the distance from a timing that ignores how limits couple speed and
+      acceleration, infinite if the limits do not bound the acceleration. With cells that `retime` chooses: without a
+      limit that couples speed and acceleration (acceleration, yaw and vertical acceleration, jerk, friction, power), it
+      is an upper bound, except for errors of sampling: the distance from a timing that ignores the coupling. With such
+      a limit it is the smaller one of this bound and of an estimate: the time gained if all cells are halved, and at
+      least as much again for all further halvings. If halvings do not gain less and less, there is no estimate, and
+      `gap` is the bound, which may be far too large. With a limit on jerk, power or an own quantity, the estimate is
+      for the local minimum. NaN if the path or a limit was traced, if the duration was prescribed, or if a limit on the
+      lateral acceleration by speed rises so steeply that faster speeds may be allowed again, which `retime` does not
+      use.
     - `share`: the factor on the limits on accelerations with which the fastest timing has the prescribed duration; NaN
       if no duration was prescribed.
     - `braking_time` [s] and `braking_distance` [m]: if `start_speed` is higher than the limits allow, the time and the
@@ -197,7 +198,7 @@ class Retimed(AbstractOutcome):
         if code == ResultCode.not_converged and np.isfinite(gap) and np.isfinite(time):
             return (
                 f"the search stopped before it reached the tolerance: the minimum duration may be up to "
-                f"{100 * gap:.2g} % shorter than {time:.6g} s. Try a larger tolerance"
+                f"{100 * gap:.2g} % shorter than {time:.6g} s. Try a larger tolerance, or more knots if they were given"
                 f"{'' if self.of_shape else ', or a path whose parameter is more even, as of a Shape'}. The limits on "
                 f"this timing: {self.certificate.explain(at)}"
             )

@@ -65,8 +65,8 @@ def retime_together(
     stop at joints, while another one moves. Only at the start and at the end, all of them may be at rest.
 
     The problem, the choice of the cells and the proofs are those of `retime`: u̇²(u) is one cubic spline, on which the
-    constraints of all bodies are imposed. `gap` is an estimate; it is
-    infinite with `knots`. The estimate and the duration refer to all bodies.
+    constraints of all bodies are imposed. `gap` is an estimate, or infinite with `knots`. The estimate and the duration
+    refer to all bodies.
 
     Args:
         paths: Routes with the same joints, one for each body, without an uneven progress (see `fit_route`).

@@ -61,8 +61,8 @@ SAFETY = 2e-5
 class Task(NamedTuple):
     """A route to tune, its parts, its limits, the half-widths `tube` (n + 1, 2) at the joints [m], and the problem.
 
-    `most` is the largest number of steps of a search. `convex`: see `Rules`. With `whole`, steps of limits that change
-    along the way have the strictest value of the curve.
+    `most` is the largest number of steps of a search, and of a second one together with it. `convex`: see `Rules`. With
+    `whole`, steps of limits that change along the way have the strictest value of the curve.
     """
 
     route: Route

@@ -17,7 +17,7 @@ from qtraj.foundation.types import ArrayInput, Quat, Scalar, ScalarLike
 from qtraj.motion.attitude import AbstractProgram, Attitude
 from qtraj.motion.programs import rotation_minimizing
 from qtraj.motion.programs.rotation_minimizing import Frame, RotationMinimizing
-from qtraj.path.driving import default_frame, on_stops, require_moving
+from qtraj.path.driving import default_frame, require_moving
 from qtraj.path.hodograph import AbstractHodograph, require_path
 from qtraj.path.trihedral import AbstractFrame, dcms, trihedral
 
@@ -83,7 +83,7 @@ class FrameProgram(AbstractProgram):
     ):
         require_path(path)
         self.path = path
-        self.frame = default_frame(path) if frame is None else on_stops(path, frame)
+        self.frame = default_frame(path) if frame is None else frame
         if not isinstance(self.frame, AbstractFrame | RotationMinimizing):
             raise ValueError(f"a frame such as Natural() or Upright() was expected, but {frame!r} was given")
         if isinstance(self.frame, RotationMinimizing):
